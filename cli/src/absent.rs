@@ -21,17 +21,17 @@ pub(crate) struct Absences {
     pub(crate) hosts: Vec<AbsentHost>,
     pub(crate) ends: Vec<OpenEnd>,
     pub(crate) processes: Vec<AbsentProcess>,
-    /// The report of each node.
+    /// The report of each node, by the name of the node.
     pub(crate) told: BTreeMap<String, Absent>,
-    /// Names that two nodes have.
+    /// The names that two nodes share.
     pub(crate) duplicates: Vec<Duplicate>,
-    /// Hosts that did not answer, and that no node misses.
+    /// Hosts that did not answer, although no node reports them as absent.
     pub(crate) silent: BTreeSet<String>,
-    /// The missed hosts that have just returned.
+    /// The hosts that some node missed a moment ago, and that no node misses now.
     pub(crate) back: BTreeSet<String>,
-    /// Hosts that are not waited for: their keys are revoked.
+    /// Hosts whose keys are revoked; no command waits for them.
     pub(crate) revoked: BTreeSet<String>,
-    /// Hosts that answer although their keys are revoked: that of this machine.
+    /// The hosts that answer although their keys are revoked. This can only be the host of this machine.
     pub(crate) outlawed: BTreeSet<String>,
 }
 
@@ -39,7 +39,7 @@ pub(crate) struct Absences {
 pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     let mut asked = Vec::new();
     for (client, statuses) in found {
-        // All at once: each may be far away.
+        // All nodes are asked at once: each may be far away.
         asked.extend(statuses.nodes.iter().map(|node| {
             let ask = |request| client.ask_on(&node.host, &request);
             (node.host.clone(), ask(Request::Absent), ask(Request::Duplicates))
@@ -52,7 +52,7 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
             && let Some(Ok(Answer::Duplicates(all))) = answers.next_by(deadline).await
         {
             for one in all {
-                // Another node knows where both are.
+                // The report of another node is preferred: it knows where both nodes are.
                 let is_own = one.host == host;
                 if duplicates.get(&one.host).is_none_or(|(was_own, _)| *was_own && !is_own) {
                     duplicates.insert(one.host.clone(), (is_own, one));
@@ -69,8 +69,8 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     let mut away = Absences::new(told, &there);
     away.duplicates = duplicates.into_values().map(|(_, one)| one).collect();
     let is_told = |host: &&String| away.hosts.iter().any(|one| one.host == **host);
-    // A host that was missed when the nodes gave their status, and is not missed any more, has returned since, and has
-    // not been asked.
+    // Some nodes missed these hosts when they gave their status, and miss them no longer. Such a host has returned
+    // since then, and has not been asked.
     let back = found.iter().flat_map(|(_, statuses)| &statuses.missed).filter(|host| !is_told(host));
     away.back = back.filter(|host| !there.contains(*host)).cloned().collect();
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent).filter(|host| !is_told(host));
@@ -81,8 +81,8 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     away
 }
 
-/// Returns the hosts whose keys are revoked, as the nodes that answer have met them. Where all hosts answer, only the node of this
-/// machine is asked, which may be one of them.
+/// Returns the hosts whose keys are revoked, as far as the answering nodes have met them. If all hosts answer, only the node of
+/// this machine is asked: its own keys may be revoked.
 async fn revoked(found: &[(&Client, Statuses)], away: &Absences) -> BTreeSet<String> {
     let (mut revoked, is_whole) = (BTreeSet::new(), away.hosts.is_empty() && away.silent.is_empty());
     for (client, statuses) in found {
@@ -103,7 +103,7 @@ pub(crate) async fn no_output(wanted: &Wanted, found: &[(&Client, Statuses)]) ->
     nowhere(&format!("process with an output `{wanted}`"), near, &ask(found).await)
 }
 
-/// The same, without asking the nodes again.
+/// Does the same as [`no_process`], without asking the nodes again.
 pub(crate) fn no_process_of(name: &ProcessName, found: &[(&Client, Statuses)], away: &Absences) -> Failure {
     let near = suggestion::process(name, paths(found));
     nowhere(&format!("process `{name}`"), near, away)
@@ -127,7 +127,7 @@ fn paths<'a>(found: &'a [(&Client, Statuses)]) -> impl Iterator<Item = (&'a Depl
     parts.flat_map(|part| part.processes.iter().map(|process| (&part.deployment, process.path.as_str())))
 }
 
-/// Returns the deployment of a name that has not begun, with its home and the connection to that.
+/// Returns the deployment of this name that has not begun, with its home and the connection to the home.
 pub(crate) fn waiting<'a, 'b>(
     name: &DeploymentName,
     found: &'b [(&'a Client, Statuses)],
@@ -138,7 +138,7 @@ pub(crate) fn waiting<'a, 'b>(
     all.find(|(_, _, one)| name.is_called(&one.name))
 }
 
-/// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
+/// Says why no answering node runs a deployment. It waits for its start, some hosts have not confirmed its end, or it is missing.
 pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Statuses)]) -> Failure {
     if let Some((_, home, one)) = waiting(name, found) {
         return Failure::Refused(anyhow!("`{name}` {one} on `{home}`; `dca stop {name}` ends that"));
@@ -151,8 +151,8 @@ pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Status
 }
 
 impl Absences {
-    /// Combines the nodes' reports about others. A host that answers is not away, and a home that answers reports for
-    /// itself.
+    /// Combines the nodes' reports about others. A host that answers is not absent, and a home that answers reports
+    /// about its own deployments.
     fn new(told: BTreeMap<String, Absent>, there: &BTreeSet<String>) -> Self {
         let mut hosts: BTreeMap<&str, &AbsentHost> = BTreeMap::new();
         let mut ends: BTreeMap<&Deployment, (bool, &OpenEnd)> = BTreeMap::new();
@@ -180,7 +180,7 @@ impl Absences {
         Self { hosts, ends, processes, told, ..Self::default() }
     }
 
-    /// Counts hosts as revoked that would count as absent.
+    /// Moves the absent hosts whose keys are revoked to `revoked`.
     fn leave_out(&mut self, revoked: &BTreeSet<String>) {
         let absent = self.hosts.iter().map(|one| &one.host).chain(&self.silent);
         self.revoked = absent.filter(|host| revoked.contains(*host)).cloned().collect();
@@ -189,12 +189,12 @@ impl Absences {
         self.back.retain(|host| !revoked.contains(host));
     }
 
-    /// Returns the latest end of that name that hosts have not confirmed.
+    /// Returns the latest deployment of that name whose end some hosts have not confirmed.
     pub(crate) fn end(&self, name: &DeploymentName) -> Option<&OpenEnd> {
         self.ends.iter().rfind(|end| name.is(&end.deployment))
     }
 
-    /// Says that a deployment is over but for the hosts of an end, or may run on at its home.
+    /// Says that some hosts have not confirmed the end of a deployment, or that it may still run at its home.
     pub(crate) fn not_confirmed(&self, name: &DeploymentName, end: &OpenEnd) -> Failure {
         let (deployment, home) = (&end.deployment, &end.home);
         Failure::Unreachable(if is_unknown_at_home(end) {
@@ -218,7 +218,7 @@ impl Absences {
         format!("{} {}", hosts.join(" and "), if hosts.len() == 1 { "has" } else { "have" })
     }
 
-    /// Returns the same hosts for a table: `c2 (lost, heard 40 s ago)`.
+    /// Returns the hosts that have not confirmed an end, for a table: `c2 (lost, heard 40 s ago)`.
     pub(crate) fn open_hosts(&self, end: &OpenEnd) -> String {
         let hosts: Vec<String> = end.hosts.iter().map(|one| format!("{} ({})", one.host, self.why(one, end))).collect();
         hosts.join(", ")
@@ -237,7 +237,7 @@ impl Absences {
         host.heard.map_or(why.clone(), |heard| format!("{why}, heard {}", ago(heard)))
     }
 
-    /// Returns how it is with a host: `c2 is lost`.
+    /// Returns the state of a host that is absent: `c2 is lost`.
     pub(crate) fn word(&self, host: &str) -> String {
         if self.revoked.contains(host) {
             return format!("{host} is revoked");
@@ -248,7 +248,7 @@ impl Absences {
         }
     }
 
-    /// Returns the failure that unreachable hosts may have `what`, if there are such hosts.
+    /// Returns the failure that unreachable hosts may have `what`; nothing if no host is unreachable.
     pub(crate) fn may_have(&self, what: &str) -> Option<Failure> {
         let hosts: BTreeSet<&str> =
             self.silent.iter().chain(self.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
@@ -300,7 +300,7 @@ impl Absences {
     }
 }
 
-/// Says that a host that answers is none of the team any more.
+/// Says that a host answers although its keys are revoked.
 pub(crate) fn outlawed(host: &str) -> String {
     format!(
         "warning: the keys of `{host}` are revoked: no other node of the team works with it; `dca team invite {host}`, on the operator's \
@@ -308,7 +308,7 @@ pub(crate) fn outlawed(host: &str) -> String {
     )
 }
 
-/// Says that two nodes have one name.
+/// Says that two nodes have the same name.
 pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String {
     format!(
         "warning: two nodes are called `{host}`: {first}; and {second}. Nothing begins under this name, and what is said of it here \
@@ -316,12 +316,12 @@ pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String
     )
 }
 
-/// Returns whether only others have ended a deployment: its home, which was lost, may run on.
+/// Returns whether only other hosts have ended a deployment: its home was lost, and may still run it.
 pub(crate) fn is_unknown_at_home(end: &OpenEnd) -> bool {
     end.hosts.iter().any(|one| one.host == end.home && one.why == Why::Lost)
 }
 
-/// Returns how long ago something was, in whole units: `40 s ago`, `5 min ago`, `2 h ago`.
+/// Formats how long ago something happened, in whole units: `40 s ago`, `5 min ago`, `2 h ago`.
 pub(crate) fn ago(time: Duration) -> String {
     let seconds = time.as_secs();
     match seconds {
@@ -358,7 +358,7 @@ mod tests {
         let warnings = away.warnings();
         assert_eq!(warnings[0], "warning: `c2` is lost, it was heard 40 s ago: what runs there is not known");
         assert!(warnings[1].starts_with("warning: `c2` (lost, heard 40 s ago) has not confirmed"), "{warnings:?}");
-        // Without its home, a participant reports for it.
+        // The home does not answer, so the report of a participant counts.
         let away = Absences::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
         assert_eq!((away.hosts.len(), away.ends), (2, vec![end("c1", "c1")]));
     }

@@ -1,6 +1,6 @@
 //! `dca attach`: watches a deployment whose terminal was lost, with the output of `dca deploy`.
 //!
-//! Its home repeats the events so far. The mission is not recorded any more: the record ended with the command that made it.
+//! The home repeats the events so far. The mission is no longer recorded: the record ended with the command that began it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::complete;

@@ -1,7 +1,7 @@
 //! `dca audit`: the log of a node, and whether a file is an unchanged log.
 //!
-//! Other members sign the positions of a log. Their signatures are in the folder of each node's state, `team/heads`:
-//! those on this machine are checked without being named.
+//! Other members of the team sign the positions of a log. Each node keeps such signatures in `team/heads` of its state
+//! folder. The files of the nodes on this machine are always checked; no option has to name them.
 
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow, ensure};
@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Returns the folder with the state of a node: below the given one, else the one in the node's run folder.
+/// Returns the folder with the state of a node: below the given folder, or else the folder that the run folder of the node names.
 fn state(node: &Name, arguments: &Arguments) -> anyhow::Result<PathBuf> {
     let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
     let told = || state_dir::told(&base, node.as_str());
@@ -65,7 +65,7 @@ fn state(node: &Name, arguments: &Arguments) -> anyhow::Result<PathBuf> {
     Ok(base.join(node.as_str()))
 }
 
-/// Shows the records of a node's log, and whether they are as they were written.
+/// Shows the records of a node's log, and whether they are unchanged.
 fn show(state: &Path) -> Result<(), Failure> {
     let path = state.join(member::FOLDER).join(audit::FILE);
     let text = named_file::text(&path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
@@ -113,12 +113,12 @@ fn verify(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the end of a log that is as it was written, to which all heads fit.
+/// Returns the end of a log, if the log is unchanged and all heads fit it.
 fn verified(path: &Path, text: &str, signed: &Signed) -> anyhow::Result<Log> {
     let heads = signed.0.iter().map(|(_, head)| head.clone()).collect();
     let verifier = Verifier::new(heads)?;
     let read = |mut verifier: Verifier| {
-        // Not `lines`, which would take a carriage return off: that is a changed record.
+        // `lines` would remove a carriage return, and so hide that a record was changed.
         text.split_terminator('\n').try_for_each(|line| verifier.line(line))?;
         verifier.finish()
     };
@@ -140,9 +140,9 @@ fn of_this_machine(base: Option<&Path>) -> Vec<PathBuf> {
 struct Signed(Vec<(Name, Head)>);
 
 impl Signed {
-    /// Returns the heads of the log with this text. Each of the `named` files has to have some.
+    /// Returns the heads of the log with this text. It is an error if one of the `named` files has no head of this log.
     fn of(text: &str, named: &[PathBuf], found: &[PathBuf]) -> anyhow::Result<Self> {
-        // The reader of the whole log reports a text that is not a log.
+        // A text that is not a log has no heads; `verified` reports the mistake.
         let Some(log) = text.lines().next().and_then(Log::node_of) else { return Ok(Self(Vec::new())) };
         let (mut all, mut known) = (Vec::new(), BTreeSet::new());
         for (path, is_named) in named.iter().map(|path| (path, true)).chain(found.iter().map(|path| (path, false))) {
@@ -155,7 +155,7 @@ impl Signed {
             };
             let mut of_log = heads.into_iter().filter(|(_, head)| head.position().log == log).peekable();
             ensure!(!is_named || of_log.peek().is_some(), "`{}` has no signed head of this log", path.display());
-            // A head may be in several files: with its signer, and with the owner of the log.
+            // The same head may be in two files: that of its signer, and that of the owner of the log.
             all.extend(of_log.filter(|(_, head)| known.insert(head.to_bytes())));
         }
         Ok(Self(all))
@@ -169,7 +169,7 @@ impl Signed {
         self.last().map(|(name, _)| name)
     }
 
-    /// Describes the records that they cover.
+    /// Describes the records that the heads cover.
     fn told(&self) -> String {
         match self.last() {
             None => "no signed heads: records may be missing at the end".to_owned(),
@@ -186,7 +186,7 @@ impl Signed {
     }
 }
 
-/// Reads the heads in a file: one a line, with the name of its signer behind it.
+/// Reads the heads in a file: one head on each line, followed by the name of its signer.
 fn heads(path: &Path) -> anyhow::Result<Vec<(Name, Head)>> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
     let read = |(index, line): (usize, &str)| {

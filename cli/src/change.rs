@@ -1,5 +1,5 @@
-//! A deployment that changes while it runs: `dca plan` shows the changes that a spec would make, `dca deploy` makes
-//! them, and `dca replace` restarts programs from their present files.
+//! Changes of a running deployment. `dca plan` shows the changes that a spec would make, `dca deploy` makes them, and
+//! `dca replace` restarts programs from their present files.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
 use crate::complete;
@@ -65,7 +65,7 @@ pub struct Probation {
 }
 
 impl Probation {
-    /// None at all.
+    /// No probation: the new program is not watched.
     pub(crate) fn none() -> Self {
         Self { seconds: 0.0 }
     }
@@ -107,10 +107,10 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
     change(client, &home, revision, plan, again, arguments.probation).await
 }
 
-/// How many programs are named where one is not known.
+/// The most programs that are listed when a name fits none of them.
 const PROGRAMS_TOLD: usize = 20;
 
-/// Returns the path of the one matching program, or of the one matching group.
+/// Returns the path of the only matching program or group.
 pub(crate) fn meant<'a>(
     plan: &'a Plan,
     groups: impl Iterator<Item = &'a String>,
@@ -153,7 +153,7 @@ pub struct Rollout {
     canary: Option<String>,
 }
 
-/// Changes the running deployment of a spec's name to that spec. Returns whether there was one.
+/// Changes the running deployment of the spec's name to that spec. Returns whether there was such a deployment.
 pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollout) -> Result<bool, Failure> {
     let (home, probation) = (home(&spec.plan)?, rollout.probation);
     let Some(running) = revision(client, &home, &spec.plan.name).await? else {
@@ -187,7 +187,7 @@ pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollo
     Ok(true)
 }
 
-/// Changes the programs of one host, then the rest; if that cannot be, the first are taken back.
+/// Changes the programs of one host, then all others. If the second change fails, the first one is undone.
 async fn change_by_canary(
     client: &Client,
     home: &str,
@@ -217,7 +217,7 @@ async fn change_by_canary(
     Err(failure)
 }
 
-/// Returns the running revision under the name of a plan, from the node of its home.
+/// Returns the running revision of the deployment that has the name of the plan. The home node is asked for it.
 async fn running(client: &Client, plan: &Plan) -> Result<Option<Revision>, Failure> {
     let home = home(plan)?;
     client.refuse_revoked(std::slice::from_ref(&home)).await?;
@@ -284,7 +284,7 @@ pub(crate) async fn change(
     Ok(())
 }
 
-/// Returns the text for a person who does not wait for the end of a change.
+/// Returns the message for a user who leaves before the end of a change.
 fn left_alone(name: &str) -> anyhow::Error {
     anyhow!(
         "left before the home said what became of the change of `{name}`, which goes on without this command; `dca plan` shows \
@@ -339,7 +339,7 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
     Ok(())
 }
 
-/// Returns the text for a person who looks at a deployment while it is changed.
+/// Returns the message for a user who looks at a deployment during a change.
 fn underway_text(name: &str, revision: u32, change: &ChangeUnderway) -> String {
     let ChangeUnderway { revision: next, by, stage } = change;
     match stage {

@@ -18,7 +18,7 @@ use node::logic::table::counted;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The most files of a folder that a spec uses, specs or not.
+/// The most files in a folder that a spec uses. Other files than specs count as well.
 const ENTRIES_MAX: usize = 10_000;
 
 /// The arguments of `dca check`.
@@ -62,7 +62,7 @@ struct Checked {
     interfaces: Vec<Source>,
     plan: Option<Plan>,
     diagnostics: Vec<Diagnostic>,
-    /// How many more there would be.
+    /// How many further diagnostics were left out.
     omitted: usize,
 }
 
@@ -103,7 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     compare(&as_spec(&arguments.file, checked.spec, checked.interfaces, plan), arguments)
 }
 
-/// Compares the processes that the spec uses of other deployments with the specs of those.
+/// Compares the processes that the spec uses of other deployments with the specs of these deployments.
 fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
     let mut problems = Vec::new();
     for file in &arguments.with {
@@ -220,7 +220,7 @@ pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Sou
     others_with(spec, controllers, &|_, text| text)
 }
 
-/// The same, with each file as `change` makes it of its path and its text.
+/// Does the same as [`others`]. `change` may replace the text of each file: it gets the path and the text.
 pub(crate) fn others_with(
     spec: &Source,
     controllers: &Controllers,
@@ -245,8 +245,8 @@ fn files_with(spec: &Source, change: &dyn Fn(&str, String) -> String) -> Vec<Sou
     gather(spec, &|path| content(path, read))
 }
 
-/// Asks the programs in Python that modules of a spec name for their interfaces, each once. A program that fails is a source with the reason,
-/// for each of its modules.
+/// Asks the programs in Python that modules of a spec name for their interfaces. Each program is asked once. If a
+/// program fails, each of its modules gets a source with the reason.
 fn python_interfaces(spec: &Source, others: &[Source]) -> Vec<Source> {
     let texts: Vec<Source> = std::iter::once(spec).chain(others).cloned().collect();
     let mut asked: Vec<(String, Environment, Result<(), String>)> = Vec::new();
@@ -276,7 +276,7 @@ pub(crate) fn content(path: &str, read: impl FnOnce(&str) -> Result<String, Stri
     }
 }
 
-/// The names of a folder's entries; none if the path is not a folder.
+/// Returns the names of the entries in a folder; nothing if the path is not a folder.
 fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
     let told = |error: std::io::Error| error.to_string();
     let folder = Path::new(path).is_dir().then(|| std::fs::read_dir(path))?;
@@ -290,14 +290,14 @@ fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
     })
 }
 
-/// The options for the spec of a file.
+/// Returns the options for compiling the spec in a file.
 pub(crate) fn options(file: &Path, deny_lenient_names: bool) -> Options {
     let stem = file.file_stem().filter(|_| !is_standard_input(file));
     let name = stem.map_or_else(|| "spec".to_owned(), |stem| stem.to_string_lossy().into_owned());
     Options { deny_lenient_names, ..Options::named(name) }
 }
 
-/// How texts on standard error are dressed.
+/// Returns the style of texts on standard error.
 pub(crate) fn style() -> Style {
     if output::is_coloured() { Style::Colour } else { Style::Plain }
 }

@@ -1,4 +1,4 @@
-//! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
+//! A command line's connection to the nodes: through a node of this machine if there is one, else over the network.
 
 mod failure;
 pub(crate) mod feed;
@@ -26,35 +26,35 @@ use team::visitor::VisitorIdentity;
 use tokio::task::JoinSet;
 use view::Fleet;
 
-/// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
+/// How long a node has for an answer that it can give at once. The longest way there and back takes 3 s.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// How long until the node of this machine is asked again for the nodes it reaches.
+/// The pause before the node of this machine is asked again which nodes it reaches.
 const ASK_AGAIN: Duration = Duration::from_millis(200);
-/// How long a node takes at most to find the others.
+/// How long a node takes at most to find the other nodes.
 const KNOWS_AFTER: Duration = Duration::from_secs(2);
-/// How long nodes are looked for on the network.
+/// How long a command looks for nodes on the network.
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
-/// How long one node that was named is looked for: discovery on a busy network takes several rounds.
+/// How long a command looks for a node that the user has named: discovery on a busy network takes several rounds.
 const FIND_NAMED_WITHIN: Duration = Duration::from_secs(5);
-/// How long a command without a node waits for the word of a node that is named: each says once a second that it is there, and a way
-/// takes up to 1.5 s.
+/// How long a command without a node waits for the first message of a named node. Each node announces itself once a
+/// second, and a message takes up to 1.5 s.
 const HEARD_WITHIN: Duration = Duration::from_secs(4);
-/// How long after its link was last being made a node may take to show itself: a round trip takes up to 3 s.
+/// How long a node may take to announce itself after the last attempt to link to it: a round trip takes up to 3 s.
 const SHOWN_WITHIN: Duration = Duration::from_secs(4);
-/// How long such a command waits at most: four round trips after the first word.
+/// How long a command without a node looks for nodes at most: four round trips after the first message.
 const LINKED_WITHIN: Duration = Duration::from_secs(20);
-/// The verb of every request: the request itself has the action.
+/// The verb in the key of every request. The action itself is in the request.
 const VERB: &str = "request";
 
 /// A connection to the nodes.
 #[derive(Debug)]
 pub(crate) struct Client {
     session: Session,
-    /// The node of this machine that it goes through.
+    /// The node of this machine that the connection goes through.
     local: Option<String>,
     /// Folder with the sockets of this machine's nodes.
     base: Option<PathBuf>,
-    /// Signs requests to nodes in a team, which act only for a user.
+    /// Signs requests. A node in a team acts only on signed requests of a user.
     signing: Signing,
 }
 
@@ -65,17 +65,17 @@ pub(crate) struct Answers {
     replies: Replies,
 }
 
-/// Connections to all nodes that can be reached: one to the permanent ones, and one to those inside each `dca run`.
-/// These do not know of each other.
+/// Connections to all nodes that can be reached: one to the permanent nodes, and one to the nodes inside each `dca
+/// run`. Nodes of different connections do not know of each other.
 #[derive(Debug)]
 pub(crate) struct Clients {
     clients: Vec<Arc<Client>>,
-    /// Why nodes that run on this machine are not among them.
+    /// The reason why some running nodes of this machine are missing in `clients`.
     hanging: Option<Failure>,
 }
 
 impl Clients {
-    /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
+    /// Connects through nodes of this machine. With `--lan`, if no permanent node runs on this machine, looks for nodes on the network.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Client::open(connect).await;
         let keys = connect.key_place();
@@ -83,7 +83,8 @@ impl Clients {
         for folder in run_dir::groups(&connect.base()).iter().filter(|folder| **folder != connect.base()) {
             match Client::through(folder, &keys, &BTreeSet::new()).await {
                 Ok(client) => clients.extend(client),
-                // A command that has just begun or ended is left out, and so is one that hangs while others answer.
+                // A command that has just begun or ended is left out. A command that does not answer is left out as
+                // well if others answer.
                 Err(failure) => hanging = Some(failure),
             }
         }
@@ -98,7 +99,7 @@ impl Clients {
         Ok(Self { clients: clients.into_iter().map(Arc::new).collect(), hanging })
     }
 
-    /// Returns why nodes that run on this machine cannot be asked, if there are such.
+    /// Returns why some running nodes of this machine cannot be asked; nothing if all can be asked.
     pub(crate) fn hanging(&self) -> Option<String> {
         self.hanging.as_ref().map(words)
     }
@@ -113,13 +114,13 @@ impl Clients {
         self.clients.iter().map(|client| &**client)
     }
 
-    /// Asks every node at once for its status; each answer is paired with its connection. Nodes that do not answer are
-    /// noted.
+    /// Asks every node at once for its status, and pairs each answer with its connection. Prints a warning for each
+    /// node that does not answer.
     pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
         self.ask_all(console::note).await
     }
 
-    /// As [`Clients::statuses`], without a word.
+    /// Does the same as [`Clients::statuses`], and prints no warnings.
     pub(crate) async fn look(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
         self.ask_all(|_| {}).await
     }
@@ -154,7 +155,7 @@ impl Clients {
     }
 }
 
-/// Returns the failure that this user has no node here; `other` is the user whose node the service manager has started.
+/// Returns the failure that this user has no node on this machine. `other` is the user whose node the service manager has started.
 fn no_node(other: Option<u32>) -> anyhow::Error {
     match other {
         Some(user) => anyhow!(
@@ -168,7 +169,7 @@ fn no_node(other: Option<u32>) -> anyhow::Error {
 }
 
 impl Client {
-    /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
+    /// Connects through a permanent node of this machine. If there is none and `--lan` is given, looks for nodes on the network.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
         let problem = match Self::through(&connect.base(), &connect.key_place(), &connect.silent).await {
             Ok(Some(client)) => return Ok(client),
@@ -190,12 +191,12 @@ impl Client {
         Err(Failure::Unreachable(problem.unwrap_or_else(none)))
     }
 
-    /// Connects through a node that stays on this machine.
+    /// Connects through a permanent node of this machine.
     pub(crate) async fn here(run_dir: Option<&Path>) -> Result<Self, Failure> {
         Self::open(&ConnectArgs { run_dir: run_dir.map(Path::to_owned), ..ConnectArgs::default() }).await
     }
 
-    /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
+    /// Connects like [`Client::open`]. If no permanent node can be used, connects to the only running `dca run`.
     pub(crate) async fn open_any(connect: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Self::open(connect).await;
         let base = connect.base();
@@ -214,8 +215,8 @@ impl Client {
         }
     }
 
-    /// Connects through a node that has its sockets in this folder; nothing if none runs. A silent node takes seconds to fail, so it comes
-    /// last.
+    /// Connects through a node whose socket is in this folder; returns nothing if no node runs. Silent nodes are tried
+    /// last, because a connection to them takes seconds to fail.
     async fn through(folder: &Path, keys: &KeyPlace, silent: &BTreeSet<String>) -> Result<Option<Self>, Failure> {
         let (mut problem, mut outlawed) = (None, None);
         let mut running = run_dir::running(folder)?;
@@ -237,7 +238,7 @@ impl Client {
                 Err(error @ OpenError::NoNode { .. }) => {
                     problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`")));
                 }
-                // The socket accepts the connection and does not answer.
+                // The socket accepts the connection, but the node does not answer.
                 Err(_) => {
                     problem = Some(anyhow!(
                         "the node `{name}` runs on this machine and does not answer: it may be suspended, or short of processor time"
@@ -260,12 +261,12 @@ impl Client {
         Ok(Self { session, local: None, base: None, signing: Signing::default() })
     }
 
-    /// Returns the node of this machine that it goes through, if it does.
+    /// Returns the node of this machine that the connection goes through, if any.
     pub(crate) fn local(&self) -> Option<&str> {
         self.local.as_deref()
     }
 
-    /// Returns the nodes that it reaches.
+    /// Returns which fleet of nodes the connection reaches.
     pub(crate) fn fleet(&self) -> Fleet {
         self.base.as_deref().and_then(run_dir::command).map_or(Fleet::Standing, Fleet::Command)
     }
@@ -281,13 +282,13 @@ impl Client {
         run_dir::proof(self.base.as_deref()?, host)
     }
 
-    /// Returns whether a node can be reached: at once if it is there, else after the time for discovery.
+    /// Returns whether a node can be reached: at once if the node is present, else after the time for discovery.
     pub(crate) async fn finds(&self, host: &str) -> Result<bool, Failure> {
         Ok(self.look(&[host.to_owned()], FIND_NAMED_WITHIN).await?.contains(host))
     }
 
-    /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while. Nodes that
-    /// this machine's node has heard of also count: a token alone can be lost.
+    /// Returns the nodes that can be reached: at once if all of `wanted` are present, else after a while. A node also
+    /// counts if only the node of this machine has heard of it: its own announcement may have been lost.
     pub(crate) async fn hosts(&self, wanted: &[String]) -> Result<BTreeSet<String>, Failure> {
         self.look(wanted, FIND_WITHIN).await
     }
@@ -300,7 +301,7 @@ impl Client {
             begun + if self.local.is_none() && !wanted.is_empty() { within.max(HEARD_WITHIN) } else { within };
         let mut hosts_heard = Box::pin(self.heard_here(clock::now()));
         loop {
-            // The node at the other end is there, even if it is too busy to answer in time.
+            // The node at the other end of the link is present, even if it is too busy to answer in time.
             heard.extend(self.linked_node());
             if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {
                 return Ok(&tokens | &heard);
@@ -313,7 +314,7 @@ impl Client {
                     continue;
                 }
                 () = clock::sleep_until(deadline) => None,
-                // A command without a node makes the links itself, which takes four round trips.
+                // A command without a node makes its links itself. Each link takes four round trips.
                 () = clock::sleep_until(clock::now() + ASK_AGAIN), if self.local.is_none() => {
                     let is_wanted = !wanted.is_empty() || tokens.is_empty();
                     if is_wanted && !self.session.unlinked().is_empty() {
@@ -330,48 +331,48 @@ impl Client {
         }
     }
 
-    /// Returns a sentence for each of these hosts that was heard and is not linked.
+    /// Returns a sentence for each of these hosts that the session has heard but is not linked to.
     pub(crate) fn unlinked(&self, hosts: &[&str]) -> Vec<String> {
         let missing = self.session.unlinked().into_iter().filter(|(who, _)| hosts.contains(&who.as_str()));
         missing.map(|(who, why)| format!("`{who}` was heard, but a link to it does not stand: {why}")).collect()
     }
 
-    /// Returns the node of this machine that it goes through, while the link to it holds.
+    /// Returns the node of this machine that the connection goes through, while the link to this node holds.
     fn linked_node(&self) -> Option<String> {
         let local = self.local.as_ref()?;
         self.session.at_the_other_end(&key::rpc(local, VERB)).map(|_| local.clone())
     }
 
-    /// Asks the node of this machine, at some time, for the nodes it reaches: none if it does not answer. Without such
-    /// a node the future never ends.
+    /// Waits until `at`, then asks the node of this machine which nodes it reaches. Returns no nodes if it does not
+    /// answer. Never ends if the connection goes through no node.
     async fn heard_here(&self, at: Time) -> BTreeSet<String> {
         clock::sleep_until(at).await;
         let Some(local) = &self.local else { return std::future::pending().await };
         self.reached_by(local).await.map(|(hosts, _)| hosts).unwrap_or_default()
     }
 
-    /// Asks a node for the nodes it reaches, including itself, and its uptime; none if it does not answer.
+    /// Asks a node for its uptime and for the nodes it reaches, including itself. Returns nothing if it does not answer.
     async fn reached_by(&self, host: &str) -> Option<(BTreeSet<String>, Duration)> {
         let answer = self.ask(host, &Request::Status, ANSWER_WITHIN).await.ok()?;
         let Answer::Status(status) = answer else { return None };
         Some((status.peers.into_iter().chain([status.host]).collect(), status.up))
     }
 
-    /// Returns the key of requests to a node. Where another one has the name of the node of this machine, this one is meant.
+    /// Returns the key of requests to a node. If another host has a node of the same name, the key leads to the node of this machine.
     fn rpc(&self, host: &str) -> String {
         let key = key::rpc(host, VERB);
         let here = (self.local() == Some(host)).then(|| self.session.at_the_other_end(&key)).flatten();
         here.unwrap_or(key)
     }
 
-    /// Asks a node something that has one answer.
+    /// Asks a node a question that has one answer.
     pub(crate) async fn ask(&self, host: &str, request: &Request, within: Duration) -> Result<Answer, Failure> {
         let bytes = codec::encode(request)?;
         let reply = self.session.call(&self.rpc(host), bytes, within).await;
         read(host, &reply.map_err(|error| call_failure(host, error))?)
     }
 
-    /// Asks a node something that has a stream of answers.
+    /// Asks a node a question that has a stream of answers.
     pub(crate) fn ask_on(&self, host: &str, request: &Request) -> Result<Answers, Failure> {
         let bytes = codec::encode(request)?;
         let replies = self.session.call_stream(&self.rpc(host), bytes, SILENCE_MAX);
@@ -386,8 +387,8 @@ impl Client {
         }
     }
 
-    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to
-    /// look. Revoked nodes, which it lists until it counts them as lost, are left out. None if it does not answer.
+    /// Returns every node that can be reached. The node of this machine knows them at once, unless it has just started.
+    /// Revoked nodes are left out: it lists them until it counts them as lost. Returns nothing if it does not answer.
     pub(crate) async fn listed(&self) -> Option<Result<BTreeSet<String>, Failure>> {
         let Some(local) = &self.local else { return Some(self.hosts(&[]).await) };
         let (hosts, up) = self.reached_by(local).await?;
@@ -400,14 +401,14 @@ impl Client {
         })
     }
 
-    /// Returns whether it went through a node inside a command, and that command has ended.
+    /// Returns whether the connection went through a node inside a command that has ended.
     pub(crate) fn has_ended(&self) -> bool {
         let is_of_command = self.fleet() != Fleet::Standing;
         is_of_command
             && self.base.as_deref().is_some_and(|base| run_dir::running(base).is_ok_and(|nodes| nodes.is_empty()))
     }
 
-    /// Returns whether another node than the one that it goes through runs on this machine.
+    /// Returns whether other nodes run on this machine, besides the node that the connection goes through.
     pub(crate) fn has_another(&self) -> bool {
         let (Some(base), Some(local)) = (&self.base, &self.local) else { return false };
         run_dir::running(base).is_ok_and(|nodes| nodes.iter().any(|(name, _)| name != local))
@@ -420,7 +421,7 @@ impl Client {
 }
 
 impl Answers {
-    /// Returns the next answer; none after the last one. A node that is gone before that is an error.
+    /// Returns the next answer; nothing after the last one. If the node vanishes before its last answer, this is an error.
     ///
     /// # Cancellation
     /// Safe.
@@ -429,8 +430,8 @@ impl Answers {
         Some(reply.map_err(|error| call_failure(&self.host, error)).and_then(|bytes| read(&self.host, &bytes)))
     }
 
-    /// Returns the next answer like [`Answers::next`]; none if it has not come by the deadline. An answer that is
-    /// already there counts, however late.
+    /// Returns the next answer like [`Answers::next`]; nothing if no answer has come by the deadline. An answer that
+    /// has already arrived is returned even after the deadline.
     ///
     /// # Cancellation
     /// Safe.
@@ -443,12 +444,13 @@ impl Answers {
     }
 }
 
-/// Returns until when nodes are looked for of which one was just being linked to.
+/// Extends the deadline of a search: the link to one of the nodes was still being made at `now`.
 fn extended(begun: Time, deadline: Time, now: Time) -> Time {
     deadline.max((now + SHOWN_WITHIN).min(begun + LINKED_WITHIN))
 }
 
-/// Checks the answers of nodes in a team with the credentials that the node with this socket gives to its machine.
+/// Has the session check that the answers come from nodes of the team, with the credentials that the node of this
+/// socket gives to its machine.
 fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
     let file = socket.with_file_name(run_dir::VISITORS);
     if !file.is_file() {
@@ -501,7 +503,7 @@ mod tests {
         let name = HostName::parse("c1").unwrap();
         let options = NodeOptions { name, socket: socket.clone(), reach: Reach::Host, port: 0, peers: Vec::new() };
         let nodes = Session::open_node(options).await.unwrap();
-        // A healthy node, one that refuses, and one that is announced and serves nothing.
+        // A healthy node, a node that refuses, and a node that announces itself but serves nothing.
         let announced = ["c1", "c2", "c3"].map(|host| nodes.announce(&key::live(host, 1)).unwrap());
         let mut well = nodes.serve(&key::rpc_any("c1")).unwrap();
         let mut full = nodes.serve(&key::rpc_any("c2")).unwrap();

@@ -1,4 +1,4 @@
-//! `dca clock`: how far the clocks of all hosts are from the clock here, and how exactly that is known.
+//! `dca clock`: the offset of each host's clock from the clock of this machine, and the error of this offset.
 
 use crate::ConnectArgs;
 use crate::absent;
@@ -10,7 +10,7 @@ use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Request};
 use std::collections::BTreeSet;
 
-/// How often a host is asked.
+/// How many times a host is asked.
 const EXCHANGES: usize = 8;
 
 /// The arguments of `dca clock`.
@@ -44,8 +44,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Err(Failure::Unreachable(anyhow!("`{hosts}` could not be asked; `dca nodes` says since when")))
 }
 
-/// Asks every answering host, one after the other: questions that wait for each other would look like long links. Also
-/// returns the hosts that do not answer.
+/// Asks the hosts one after the other. If questions waited for each other, the links would look too long.
+/// Also returns the hosts that do not answer.
 async fn asked(clients: &Clients) -> Result<(Vec<HostClock>, Vec<String>), Failure> {
     let found = clients.look().await?;
     let away = absent::ask(&found).await;
@@ -62,7 +62,7 @@ async fn asked(clients: &Clients) -> Result<(Vec<HostClock>, Vec<String>), Failu
     Ok((clocks, unreachable.into_iter().collect()))
 }
 
-/// Asks a host several times, or as often as there is time for.
+/// Asks a host several times, or fewer times if the time is short.
 async fn exchanges(client: &Client, host: &str) -> Vec<Exchange> {
     let (mut exchanges, until) = (Vec::new(), now() + ANSWER_WITHIN);
     while exchanges.len() < EXCHANGES && now() < until {

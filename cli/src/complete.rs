@@ -1,7 +1,7 @@
-//! Completion of words in a shell, also of names that live: hosts, deployments, processes and ports.
+//! Completes words in a shell, including the present names of hosts, deployments, processes and ports.
 //!
-//! The shell asks this program for the words that may stand next. It waits meanwhile, so nodes have a short time to answer, and
-//! nothing is said of those that do not.
+//! The shell asks this program which words can follow, and waits for the answer. So nodes have a short time to answer,
+//! and a node that does not answer is not mentioned.
 
 use crate::client::{Client, Clients, Statuses};
 use crate::json::with_json;
@@ -18,21 +18,21 @@ use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The variable by which a shell asks.
+/// The environment variable with which a shell asks for words.
 pub(crate) const VARIABLE: &str = "DCA_COMPLETE";
 
-/// How long a person who has pressed a key waits at most.
+/// How long a person waits at most after pressing a key.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// The answers of the nodes.
 type Found<'a> = Vec<(&'a Client, Statuses)>;
 
-/// Answers a shell and ends the process, if a shell has asked.
+/// If a shell has asked, answers it and ends the process.
 pub(crate) fn answer() {
     CompleteEnv::with_factory(Command::command).var(VARIABLE).complete();
 }
 
-/// Returns the deployments that run or wait.
+/// Returns the deployments that run or wait for their start.
 pub(crate) fn deployments(current: &OsStr) -> Vec<CompletionCandidate> {
     let names = live(async |found| {
         let nodes = found.iter().flat_map(|(_, statuses)| &statuses.nodes);
@@ -86,7 +86,7 @@ fn candidates(names: BTreeSet<String>, current: &OsStr) -> Vec<CompletionCandida
     names.into_iter().filter(|name| name.starts_with(&*current)).map(CompletionCandidate::new).collect()
 }
 
-/// Asks every node that can be reached; returns nothing where that takes too long.
+/// Asks every node that can be reached; returns nothing if the answers take too long.
 fn live<T: Default>(look: impl AsyncFnOnce(&Found<'_>) -> T) -> T {
     let connect = connect(std::env::args_os().skip_while(|word| word != "--").skip(1));
     let asked = block_on(async {
@@ -106,7 +106,7 @@ fn live<T: Default>(look: impl AsyncFnOnce(&Found<'_>) -> T) -> T {
     asked.unwrap_or_default()
 }
 
-/// Returns the options for reaching nodes from an unfinished command line.
+/// Reads the options for reaching nodes from an unfinished command line.
 fn connect(words: impl Iterator<Item = OsString>) -> ConnectArgs {
     let command = || with_json(Command::command());
     let command = project::with_defaults(command()).unwrap_or_else(|_| command());

@@ -1,6 +1,6 @@
 //! `dca completions`: prints what a shell needs to complete the words of `dca`, or of `dca-node`.
 //!
-//! The shell asks `dca` itself for the words of `dca`, so that it knows what runs; the words of `dca-node` stand in the script.
+//! The shell asks `dca` itself for the words of `dca`, so that they include what runs now. The words of `dca-node` are in the script.
 
 use crate::complete::VARIABLE;
 use clap_complete::env::Shells;
@@ -26,7 +26,7 @@ enum Program {
     DcaNode,
 }
 
-/// In bash a colon ends a word, unless it is taken out of this list: `door:hit/force` is one.
+/// In bash a colon ends a word, unless it is removed from this list. `door:hit/force` has to stay one word.
 const BASH_WORDS: &str = "COMP_WORDBREAKS=${COMP_WORDBREAKS//:}\n";
 
 /// Runs the verb.

@@ -1,7 +1,7 @@
-//! `dca add` and `dca remove`: one program more, or one process less, of a deployment that runs.
+//! `dca add` and `dca remove`: add a program to a running deployment, or remove a process from it.
 //!
-//! The new instance is written as in a spec, and checked as a separate spec, together with stand-ins for the programs
-//! that it is connected to. So the usual rules check ports, types and arguments.
+//! The new instance is written as in a spec, and checked as a separate spec. This spec also has stand-ins for the
+//! programs that the new instance is connected to. So the usual rules check ports, types and arguments.
 
 use crate::change::{Probation, change, meant, revision};
 use crate::client::Clients;
@@ -80,7 +80,7 @@ pub(crate) fn remove(arguments: &RemoveArguments) -> Result<(), Failure> {
     })
 }
 
-/// Changes the running deployment to a changed version of its plan.
+/// Changes the running deployment to a changed plan.
 fn changed(
     name: &DeploymentName,
     connect: &ConnectArgs,
@@ -104,15 +104,15 @@ fn changed(
     })
 }
 
-/// Compiles the spec of the new program; mistakes in it are reported.
+/// Compiles the spec of the new program, and reports mistakes in it.
 fn piece(arguments: &AddArguments, name: &str, running: &Plan) -> Result<Plan, Failure> {
-    // Arguments of stand-ins do not matter, except for types without defaults.
+    // The arguments of stand-ins matter only if their types have no defaults.
     let (bare, with_arguments) = (text(arguments, name, running, false), text(arguments, name, running, true));
-    // The spec of the deployment is the running one: its types count.
+    // The path of the deployment's spec stands for the spec that runs: its types count, and not those of the present file.
     let is_spec = |path: &str| arguments.spec.as_ref().is_some_and(|spec| named_file::are_same(spec, Path::new(path)));
     let types_of = |path: &str, text| if is_spec(path) { without_groups(&Source::new(path, text)).text } else { text };
     let others = check::others_with(&Source::new("<dca add>", bare.as_str()), &arguments.controllers, &types_of)?;
-    // A mission that runs is not the place for a guess.
+    // The change is made to a running mission. So names must be exact, and the compiler guesses nothing.
     let options = Options { deny_lenient_names: true, ..Options::named(running.name.as_str()) };
     let compiled = |text: &str| compile(&Source::new("<dca add>", text), &others, &options);
     let first = compiled(&bare);
@@ -169,7 +169,7 @@ fn text(arguments: &AddArguments, name: &str, running: &Plan, has_arguments: boo
     )
 }
 
-/// Returns the name that a text begins with.
+/// Returns the name at the beginning of a text.
 fn name_of(text: &str) -> &str {
     let text = text.trim_start();
     let end = text.find(|letter: char| !letter.is_alphanumeric() && letter != '_').unwrap_or(text.len());

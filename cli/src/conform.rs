@@ -40,11 +40,11 @@ pub struct Arguments {
 struct Recorded {
     /// For each group, the steps of each supervisor that it has had.
     lives: Vec<Vec<Steps>>,
-    /// How many steps were recorded and cannot be compared, since others before them are missing.
+    /// How many recorded steps cannot be compared, because earlier steps are missing.
     omitted: usize,
     /// Whether the plan was changed during the run: later steps are not compared.
     is_changed: bool,
-    /// The groups that have begun and whose end is not among the steps.
+    /// The groups that have begun, but whose recorded steps do not include an end.
     endless: Vec<String>,
     /// The groups in which something has begun, but whose supervisors recorded no step.
     unseen: Vec<String>,
@@ -102,14 +102,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if is_partial || run.lacks().is_some() { Err(Failure::Limited) } else { Ok(()) }
 }
 
-/// Says why nothing could be compared.
+/// Returns the failure that nothing could be compared.
 fn undecided(why: &str) -> Failure {
     console::say(&format!("not decided: {why}"));
     Failure::Limited
 }
 
 impl Recorded {
-    /// Why there is nothing to compare.
+    /// Explains why there is nothing to compare.
     fn without_steps(&self, run: &Run) -> String {
         let is_refused = |entry: &Entry| matches!(entry, Entry::Report(Report::Refused { .. }));
         if self.is_changed {
@@ -160,13 +160,13 @@ impl Recorded {
     }
 }
 
-/// Whether an entry reports that a member of a group was started, which its supervisor has done.
+/// Returns whether an entry reports that a member of a group was started. Only the supervisor of the group starts members.
 fn is_begun_in(entry: &Entry, group: &str) -> bool {
     let Entry::Report(Report::Process { path, change: Change::Activated, .. }) = entry else { return false };
     path.rsplit_once('/').is_some_and(|(around, _)| around == group)
 }
 
-/// Whether a supervisor has begun a run that none of its steps ends.
+/// Returns whether a supervisor has begun a run that none of its steps ends.
 fn is_endless(steps: &Steps) -> bool {
     steps.iter().fold(false, |runs, step| (runs || matches!(step.event, Event::Start(_))) && step.outcome.is_none())
 }
@@ -201,7 +201,7 @@ fn summary(found: &Conformance, recorded: &Recorded) -> String {
     format!("{text}{steps} of {supervisors}: {deviations}")
 }
 
-/// The part of a group's behaviour that was seen.
+/// Returns a line about the part of a group's behaviour that the record shows.
 fn line(one: &Coverage) -> String {
     let at_least = if one.is_limited { "at least " } else { "" };
     let (states, transitions) = (one.states, one.transitions);
@@ -241,7 +241,7 @@ mod tests {
             internal_event_actions{ a ; b }
         }";
 
-    /// A run of this text conforms to another text that says the same.
+    /// A run of one text conforms to another text with the same meaning.
     #[test]
     fn what_says_the_same_is_the_same_version() {
         let text = "module Step { done; }

@@ -1,4 +1,4 @@
-//! `dca ctl`: questions and states of an activity that runs, and orders of people for it.
+//! `dca ctl`: shows the questions and states of a running activity, and gives it the orders of a user.
 
 use crate::ConnectArgs;
 use crate::client::{Client, Clients, unasked};
@@ -15,7 +15,7 @@ use node::logic::protocol::{
 };
 use std::time::Duration;
 
-/// How long the home of the deployment has to answer.
+/// How long the home of the deployment may take to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
 /// The arguments of `dca ctl`.
@@ -68,7 +68,7 @@ impl Order {
         }
     }
 
-    /// The order for an activity in this state.
+    /// Returns the order for an activity in this state.
     fn told(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<ActivityInput> {
         Ok(match self {
             Self::Answer(answer) => {
@@ -82,7 +82,7 @@ impl Order {
         })
     }
 
-    /// The name of the order, for a person.
+    /// Returns the name of the order, for a person.
     fn name(&self) -> &'static str {
         match self {
             Self::Message(_) => "the message",
@@ -108,7 +108,7 @@ struct Message {
 }
 
 impl GivenAnswer {
-    /// The number of the question that is meant.
+    /// Returns the number of the question that the answer is for.
     fn question(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<u64> {
         let open = activity.map_or(&[][..], |activity| &activity.questions);
         let is_meant = |question: &&OpenQuestion| self.question.is_none_or(|number| number == question.number);
@@ -173,7 +173,7 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Signs an order where that is necessary, and has the home of a deployment deliver it.
+/// Signs an order if necessary, and has the home of the deployment deliver it.
 pub(crate) async fn deliver(
     client: &Client,
     home: &str,
@@ -185,7 +185,7 @@ pub(crate) async fn deliver(
     if let Answer::Delivered(told) = answer { Ok(told) } else { Err(unasked(home, &answer)) }
 }
 
-/// The reaction of an activity to an order.
+/// Describes how an activity has reacted to an order.
 pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     match taken {
         Taken::Reacted => format!("`{path}` has taken {order}"),
@@ -196,7 +196,7 @@ pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     }
 }
 
-/// The states of an activity, its questions, and the orders that it waits for.
+/// Describes the states of an activity, its questions, and the orders that it waits for.
 fn page(process: &ProcessStatus) -> String {
     let ActivityStatus { states, questions, orders } = process.activity.clone().unwrap_or_default();
     let states = if states.is_empty() { "between two states".to_owned() } else { format!("in {}", states.join(", ")) };

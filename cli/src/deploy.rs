@@ -1,5 +1,5 @@
-//! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended; or changes the running deployment to
-//! it, and reports the result.
+//! `dca deploy`: runs a spec on the hosts that it names, and stays until the mission has ended. If a deployment of this
+//! name runs already, changes it to the spec instead, and reports the result.
 
 use crate::change::{Rollout, change_running};
 use crate::client::Client;
@@ -46,8 +46,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     })
 }
 
-/// Deploys a spec once every host of it answers, and stays until it has ended. With a rollout, the running deployment
-/// of its name is changed to it.
+/// Deploys a spec once all of its hosts answer, and stays until the mission has ended. With a rollout, if a
+/// deployment of the same name runs already, changes it to this spec instead.
 pub(crate) async fn deploy(
     client: &Client,
     spec: Spec,

@@ -5,7 +5,7 @@ use crate::output::Output;
 use anyhow::Context;
 use std::time::Duration;
 
-/// How often [`Display::update`] is to be called while no report comes.
+/// How often [`Display::update`] has to be called while no report arrives.
 pub const UPDATE_EVERY: Duration = Duration::from_millis(100);
 
 /// Shows one mission.
@@ -15,7 +15,7 @@ pub struct Display {
 }
 
 impl Display {
-    /// Shows the changes. To be called after each report and every [`UPDATE_EVERY`]; not after each sample.
+    /// Shows the changes. Has to be called after each report and every [`UPDATE_EVERY`], but not after each sample.
     pub fn update(&mut self, mission: &Mission, output: &mut Output) {
         for line in self.progress.lines(mission, output.style()) {
             output.line(&line);
@@ -25,7 +25,7 @@ impl Display {
     /// Shows the remaining changes and then the summary, which is the command's result.
     ///
     /// # Errors
-    /// When standard output does not take it.
+    /// Standard output cannot be written.
     pub fn finish(&mut self, mission: &Mission, files: &Files, output: &mut Output) -> anyhow::Result<()> {
         self.update(mission, output);
         output.note("");

@@ -1,4 +1,4 @@
-//! `dca doctor`: whether this machine is as a robot needs it.
+//! `dca doctor`: checks whether this machine is ready for a node.
 
 use crate::io::machine;
 use crate::logic::checkup::{Check, Level, findings};

@@ -1,4 +1,4 @@
-//! `dca echo`: prints the values that leave an output, while its program runs.
+//! `dca echo`: prints the values of an output while its program runs.
 
 use crate::logic::tap::{Gap, Numbers, value};
 use crate::tapped::{End, FollowedOutput, TapArgs, TapEvent, follow};
@@ -17,7 +17,7 @@ pub struct Arguments {
     count: Option<u64>,
 }
 
-/// An output, and the numbers of its values.
+/// An output that is printed, and the numbers of its values.
 struct Echoed {
     output: FollowedOutput,
     numbers: Numbers,

@@ -1,7 +1,8 @@
 //! `dca estop`: stops everything on every host at once. Nothing begins there before `dca estop --release`.
 //!
-//! It asks each node itself, so no home and no other host has to be there. A host is reported as stopped only if the
-//! host itself confirms that none of its programs runs. A host that does not answer is named, and the exit code is 3.
+//! The command asks each node itself, so neither the home of a deployment nor all hosts have to answer. A host counts
+//! as stopped only if it confirms that none of its programs runs. A host that does not answer is named, and the exit
+//! code is 3.
 
 use crate::ConnectArgs;
 use crate::absent;
@@ -19,7 +20,7 @@ use std::time::Duration;
 use tokio::task::JoinSet;
 use view::{Fleet, RobotId};
 
-/// How long programs may take to stop before their host counts as not answering.
+/// How long programs may take to stop. After this time, their host counts as not answering.
 const STOP_WITHIN: Duration = Duration::from_secs(30);
 
 /// The arguments of `dca estop`.
@@ -40,27 +41,27 @@ pub struct Arguments {
 
 /// The result of a host.
 pub(crate) enum Outcome {
-    /// Nothing runs there, except for the named processes.
+    /// Nothing runs on the host, except for the named processes.
     Stopped(Estopped),
-    /// Programs may begin there; whether they might not before, and why its disk does not have that.
+    /// Programs may begin on the host. The values say whether they were stopped before, and why the disk could not store the release.
     Released(bool, Option<String>),
-    /// It has refused.
+    /// The host has refused the request.
     Refused(String),
-    /// Its state is unknown.
+    /// The state of the host is unknown.
     Unknown(String),
-    /// Its keys are revoked: no node of the team links to it.
+    /// The keys of the host are revoked: no node of the team links to it.
     Revoked,
 }
 
 /// The hosts that one connection reaches.
 struct Reached {
     outcomes: BTreeMap<String, Outcome>,
-    /// Their states, after they were asked.
+    /// The states of the hosts, after they were asked.
     statuses: Result<Statuses, Failure>,
 }
 
 impl Outcome {
-    /// Returns whether the host has confirmed all that was asked.
+    /// Returns whether the host has confirmed all that it was asked for.
     pub(crate) fn is_confirmed(&self) -> bool {
         match self {
             Self::Stopped(there) => there.unended.is_empty() && there.unwritten.is_none(),
@@ -69,7 +70,7 @@ impl Outcome {
         }
     }
 
-    /// Returns why the disk of the host does not have the stop, if so.
+    /// Returns why the disk of the host could not store the stop or the release; nothing if it could.
     fn unwritten(&self) -> Option<&str> {
         match self {
             Self::Stopped(there) => there.unwritten.as_deref(),
@@ -128,10 +129,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks each known host, over all connections at once. A host inside a command has the command behind its name, since hosts of several
-/// commands may have the same name.
+/// Asks each known host, over all connections at once. If a host is inside a command, its name is followed by the
+/// command: hosts of several commands may have the same name.
 pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
-    // The nodes of a command that has ended are gone, and run nothing.
+    // If a command has ended, its nodes have ended as well, and run nothing.
     let present: Vec<Arc<Client>> = clients.shared().into_iter().filter(|client| !client.has_ended()).collect();
     let asked = present.iter().map(|client| {
         let (mut asked, request, client) = (JoinSet::new(), request.clone(), Arc::clone(client));
@@ -146,7 +147,7 @@ pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<B
             Some(Err(panic)) => (BTreeMap::new(), Err(panic.into())),
             None => continue,
         };
-        // A command ends with its mission, perhaps before its nodes have told anything else.
+        // A command ends with its mission, perhaps before its nodes have given their status.
         let has_answered = client.fleet() != Fleet::Standing && !outcomes.is_empty();
         let name = |host| RobotId { host, fleet: client.fleet() }.to_string();
         hosts.extend(outcomes.into_iter().map(|(host, outcome)| (name(host), outcome)));
@@ -187,11 +188,11 @@ pub(crate) async fn everywhere(clients: &Clients, request: &Request) -> Result<B
 
 /// Asks each host that a connection reaches.
 async fn over(client: &Client, request: &Request) -> Reached {
-    // Where this fails, the hosts are those that the statuses name.
+    // If this question fails, the statuses below name the hosts.
     let known = client.all().await.unwrap_or_default();
     let mut outcomes: BTreeMap<String, Outcome> = wave(client, &known, request).await.into_iter().collect();
     let statuses = client.statuses_noted(|_| {}).await;
-    // Hosts that have come in the meantime, or that only others know.
+    // The statuses may name further hosts: they have come in the meantime, or only other hosts know them.
     if let Ok(statuses) = &statuses {
         let named = statuses.nodes.iter().flat_map(|node| node.peers.iter().chain([&node.host])).cloned();
         let more: BTreeSet<String> = named.filter(|host| !outcomes.contains_key(host)).collect();
@@ -227,7 +228,7 @@ async fn wave(client: &Client, hosts: &BTreeSet<String>, request: &Request) -> V
     outcomes
 }
 
-/// Returns the hosts of which something is so: `c1`, `c2`; nothing if there are none.
+/// Returns the hosts with a certain outcome, as in "`c1`, `c2`"; nothing if there are none.
 fn named(hosts: &BTreeMap<String, Outcome>, is_so: impl Fn(&Outcome) -> bool) -> Option<String> {
     let named: Vec<String> =
         hosts.iter().filter(|(_, outcome)| is_so(outcome)).map(|(host, _)| format!("`{host}`")).collect();

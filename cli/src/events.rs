@@ -1,4 +1,4 @@
-//! `dca events`: the events on all hosts, in all deployments.
+//! `dca events`: prints the events of all deployments on all hosts.
 
 use crate::ConnectArgs;
 use crate::client::feed::{Feed, FeedItem, Mode};
@@ -40,9 +40,9 @@ pub struct Arguments {
 enum End {
     /// All known events were printed.
     Complete,
-    /// A node has not sent its events.
+    /// Some node has not sent its events.
     Incomplete,
-    /// A person has ended it.
+    /// The user has interrupted the command.
     Interrupted,
     /// The output has no reader any more.
     Unread,
@@ -52,13 +52,13 @@ enum End {
 #[derive(Debug)]
 struct Printer<'a> {
     arguments: &'a Arguments,
-    /// The events from before the beginning, each with its time on a boot clock. They are printed in that order, since
-    /// the clocks of two homes may differ, and may have been set.
+    /// The earlier events, each with its time on the boot clock. They are printed in the order of this time: the clocks
+    /// of two homes may differ, and may have been set.
     waiting: Option<Vec<(Duration, Event)>>,
-    /// When the first event of each deployment came. A home counts the age of all of them from one moment.
+    /// When the first event of each deployment arrived. The home of a deployment counts the ages of all of its events up to one moment.
     arrived: BTreeMap<Deployment, Time>,
     lost: BTreeSet<String>,
-    /// The deployments of all events, also of those that are not printed.
+    /// The deployments of all events, including events that are not printed.
     known: BTreeSet<Deployment>,
 }
 
@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Printer<'_> {
-    /// Prints an item; returns how the stream ends, if it does.
+    /// Prints an item. Returns how the stream ends, if it ends with this item.
     fn take(&mut self, said: FeedItem) -> anyhow::Result<Option<End>> {
         let is_read = match said {
             FeedItem::Event(_, event) => self.event(*event)?,
@@ -128,7 +128,7 @@ impl Printer<'_> {
         Ok((!is_read).then_some(End::Unread))
     }
 
-    /// Says that no event is of the deployment that is named, if that is so.
+    /// Returns a sentence if no event belongs to the named deployment.
     fn unknown(&self) -> Option<String> {
         let name = self.arguments.name.as_ref()?;
         if self.known.iter().any(|deployment| name.is(deployment)) {
@@ -157,7 +157,7 @@ impl Printer<'_> {
         console::pass(format!("{line}\n").as_bytes())
     }
 
-    /// Reports a change of a node: among the objects, or beside the lines.
+    /// Reports a change of a node: as an object between the events, or on standard error.
     fn mark(&self, key: &str, host: &str, words: &str, why: Option<&str>) -> anyhow::Result<bool> {
         if !self.arguments.json {
             let why = why.map_or(String::new(), |why| format!(": {why}"));

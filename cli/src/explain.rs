@@ -14,7 +14,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A code in JSON.
+/// A diagnostic code in JSON.
 #[derive(serde::Serialize)]
 struct Explained {
     code: String,

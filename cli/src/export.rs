@@ -1,4 +1,4 @@
-//! `dca export`: writes a record in a form of other programs.
+//! `dca export`: converts a record to a format of other programs.
 
 use crate::io::{named_file, recorder, whole_file};
 use crate::logic::record::Run;
@@ -7,7 +7,7 @@ use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
 use std::path::PathBuf;
 
-/// Name of a trace, beside its record.
+/// The name of a trace, in the folder of its record.
 const FILE: &str = "trace.jsonl";
 
 /// The arguments of `dca export`.
@@ -50,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Says why a record has no trace.
+/// Explains why a record has no trace.
 fn without_go(run: &Run) -> anyhow::Error {
     anyhow!("cannot write a trace of `{}`: nothing has run, since the record has no GO", run.header.file)
 }

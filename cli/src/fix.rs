@@ -1,4 +1,4 @@
-//! `dca fix`: applies every fix of a spec that leaves no other reading.
+//! `dca fix`: applies the fixes of a spec that leave no other reading.
 
 use crate::{Controllers, Values, check};
 use node::console::{self, Failure};

@@ -41,10 +41,10 @@ pub struct Arguments {
     values: Values,
 }
 
-/// So many programs that were not looked at whole are named.
+/// The most programs that are named because they were not explored completely.
 const UNFINISHED_MAX: usize = 10;
 
-/// The verdicts, the worst first.
+/// The verdicts, from the worst to the best.
 const SEVERITIES: [Severity; 8] = [
     Severity::Stuck,
     Severity::Adrift,
@@ -123,8 +123,9 @@ fn csv(table: &Table) -> String {
     line(&head) + &table.rows.iter().map(|row| line(&row.cells())).collect::<String>()
 }
 
-/// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "mission", "verdict", "story"}],
-/// "states", "unfinished", "harmless"}`; without `safe_within_s` not everything stops.
+/// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "mission",
+/// "verdict", "story"}], "states", "unfinished", "harmless"}`. A row without `safe_within_s` means that not everything
+/// stops.
 fn json(name: &str, table: &Table) -> Value {
     let row = |row: &Row| {
         json!({

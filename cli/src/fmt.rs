@@ -45,7 +45,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if is_fine { Ok(()) } else { Err(Failure::Reported) }
 }
 
-/// The formatted text; prints the reason if there is none.
+/// Returns the formatted text; if it cannot be formatted, prints the reason.
 fn formatted(source: &Source) -> Option<String> {
     match format(source) {
         Ok(text) => Some(text),

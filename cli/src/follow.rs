@@ -1,4 +1,4 @@
-//! Follows a mission from the request to its end: progress, record, report, summary.
+//! Follows a mission from the request to its end, with its progress, record, report and summary.
 
 mod hearing;
 mod record_folder;
@@ -31,17 +31,17 @@ use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 
-/// How many samples wait to be shown and recorded; more are left out.
+/// The most samples that wait to be shown and recorded. When there are as many, new samples are left out.
 const OBSERVED_MAX: usize = 4096;
-/// How many values of ports wait to be recorded, which may be large; more are left out.
+/// The most values of ports that wait to be recorded. When there are as many, new values are left out. Values may be large.
 const PORTS_MAX: usize = 64;
-/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
+/// How long the home node may be out of reach after its answers broke off. The other hosts of the deployment wait as long.
 const BACK_WITHIN: Duration = Duration::from_secs(5);
-/// How long its streams have to last for the home to count as back; a later cut is then a new one.
+/// How long the answers have to last until the home counts as back. If they break off later, a new wait begins.
 const STEADY: Duration = Duration::from_secs(1);
-/// How often it is looked for, once it was not there.
+/// How often the command looks for a home that could not be reached.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// How long hosts may pause while they send the rest of their programs' output once all is over.
+/// The longest pause of the hosts while they send the rest of their programs' output after the end of the mission.
 const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
 /// How a mission is watched.
 #[derive(Clone, Debug, clap::Args)]
@@ -57,19 +57,19 @@ pub struct FollowArgs {
     ports: Vec<String>,
 }
 
-/// A person has not waited for the end of a mission.
+/// The user has left before the end of a mission.
 #[derive(Debug, thiserror::Error)]
 #[error("`{name}` was left while it was stopping")]
 pub(crate) struct Left {
     name: String,
 }
 
-/// Returns whether a person has not waited.
+/// Returns whether the user has left before the end of the mission.
 pub(crate) fn is_left(result: &Result<(), Failure>) -> bool {
     matches!(result, Err(Failure::Refused(why)) if why.is::<Left>())
 }
 
-/// A spec that is ready to run, with the text it was made from.
+/// A spec that is ready to run, with its text.
 #[derive(Clone, Debug)]
 pub(crate) struct Spec {
     /// The file.
@@ -78,7 +78,7 @@ pub(crate) struct Spec {
     pub(crate) text: String,
     /// The plan of the spec.
     pub(crate) plan: Plan,
-    /// The texts of the modules that it may use, its own first.
+    /// The texts of the modules that the spec may use. The text of the spec comes first.
     pub(crate) modules: Vec<Source>,
 }
 
@@ -91,7 +91,7 @@ struct Watch {
     is_broken_off: bool,
     hearing: Hearing,
     arriving_ports: mpsc::Receiver<ObserverEvent>,
-    /// The output of programs; without a record only the lines that explain an end.
+    /// The output of programs. Without a record, only the lines that may explain an end are requested.
     outputs: Outputs,
     go_at: Option<Time>,
     name: String,
@@ -100,7 +100,7 @@ struct Watch {
     deployment: Option<Deployment>,
     seen: u64,
     cut_off: Option<Time>,
-    /// When the home was asked again last.
+    /// When the home was last asked again.
     resumed: Option<Time>,
     /// The processes whose output is not recorded completely.
     lacking: BTreeSet<String>,
@@ -114,7 +114,7 @@ pub(crate) async fn follow(
     start: StartMode,
 ) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
-    // The project file may name ports where no record is kept.
+    // The project file may name ports although no record is kept.
     let wanted = if following.no_record { &[][..] } else { &following.ports };
     let messages = if wanted.is_empty() { Messages::new() } else { messages(&spec.modules) };
     let ports = ports(&spec.plan, wanted, &messages).map_err(|why| anyhow!(why))?;
@@ -219,8 +219,8 @@ impl Watch {
         }
     }
 
-    /// Goes on watching after the answers have ended, unless that was the end of the mission: the home node may have been
-    /// out of reach for a moment, which the mission itself survives.
+    /// Continues to watch after the answers have broken off, unless the mission has ended. The home node may have been
+    /// out of reach for a moment only, which does not end the mission.
     async fn again(&mut self, client: &Client, why: Option<Failure>) -> Result<Option<Answers>, Failure> {
         if self.mission.verdict().is_some() {
             return Ok(None);
@@ -235,7 +235,7 @@ impl Watch {
             self.cut_off = None;
         }
         let deadline = self.cut_off.get_or_insert(now).to_owned() + BACK_WITHIN;
-        // A question in the moment in which the session loses its link goes nowhere, and would be waited for.
+        // A question gets lost while the session is losing its link. The command would wait for its answer in vain.
         clock::sleep_until(now + LOOK_EVERY).await;
         while clock::now() < deadline {
             tokio::select! {
@@ -244,7 +244,7 @@ impl Watch {
                         self.resumed = Some(clock::now());
                         return self.missed(client, deployment).map(Some);
                     }
-                    // The session may end with the node of this machine, which may be the one that is looked for.
+                    // The session may end together with the node of this machine, and this may be the home node.
                     Ok(_) | Err(_) => clock::sleep_until(clock::now() + LOOK_EVERY).await,
                 },
                 () = clock::sleep_until(deadline) => {}
@@ -253,12 +253,12 @@ impl Watch {
         Err(self.lost())
     }
 
-    /// Asks for the missed events, and all later ones.
+    /// Asks for the missed events and for all later ones.
     fn missed(&self, client: &Client, deployment: Deployment) -> Result<Answers, Failure> {
         client.ask_on(&self.home, &Request::Watch { deployment, seen: self.seen })
     }
 
-    /// Returns the failure for an unreachable home node, which cannot be asked for an end either.
+    /// Returns the failure that the home node cannot be reached. Such a node cannot be asked to stop the mission either.
     fn lost(&self) -> Failure {
         let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(
@@ -267,7 +267,8 @@ impl Watch {
         ))
     }
 
-    /// Asks for the end once; the mission's own reports say when it has come. The second request does not wait.
+    /// Asks once for the end of the mission. The reports of the mission say when it has ended. If the user asks again,
+    /// the command leaves without waiting.
     async fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
         if asked.is_some() {
             return Err(anyhow!(Left { name: self.name.clone() }).into());
@@ -277,7 +278,7 @@ impl Watch {
         Ok(())
     }
 
-    /// Prints a note when the requested end is refused. Otherwise the mission's own reports tell the rest.
+    /// Prints a warning if the stop is refused. Otherwise the reports of the mission say how it ends.
     fn stop_answered(&mut self, answer: Result<Answer, Failure>) {
         let why = match answer {
             Ok(Answer::Stop(StopReply::Stopped | StopReply::Unknown)) => return,
@@ -289,7 +290,7 @@ impl Watch {
 
     fn take(&mut self, client: &Client, answer: Answer) -> Result<(), Failure> {
         let Answer::Report(report) = answer else {
-            // A node that was started again knows nothing of it.
+            // If the node was restarted, it does not know the deployment.
             let is_lost = self.cut_off.is_some() && matches!(answer, Answer::Refused(_));
             return Err(if is_lost { self.lost() } else { unasked(&self.home, &answer) });
         };
@@ -303,7 +304,7 @@ impl Watch {
             self.hearing.signals(signals);
         }
         if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
-            // A command that attaches later is told of GO later: the time since GO gives its moment.
+            // GO is reported later to a command that attaches later. The time since GO in this report shows when GO was.
             let begun = clock::now().since(Time::ZERO).saturating_sub(*at);
             self.go_at = Some(go.min(Time::ZERO + begun));
         }
@@ -313,7 +314,7 @@ impl Watch {
         }
         self.hear_outputs(client, &report);
         if let (Report::Changed { .. } | Report::Unchanged { .. }, Some(go)) = (&report, self.go_at) {
-            // These have no time.
+            // These reports have no time.
             self.mission.tick(clock::now() - go);
         }
         self.mission.report(&report);
@@ -338,8 +339,9 @@ impl Watch {
         self.record(Entry::Signals { path, at, sample: signals });
     }
 
-    /// Receives the output of programs, from each host as soon as they are there; if they never started, at the end.
-    /// Without a record the output is only requested at the end, if a deadline may have ended them.
+    /// Receives the output of programs. It is requested from each host as soon as the programs there are prepared, or
+    /// at the end if they never started. Without a record, it is requested only at the end, and only if a deadline may
+    /// have ended programs.
     fn hear_outputs(&mut self, client: &Client, report: &Report) {
         let is_wanted = self.recorder.is_some() || is_failed_on_purpose(report);
         let Some(deployment) = self.deployment.as_ref().filter(|_| is_wanted) else { return };
@@ -380,7 +382,7 @@ impl Watch {
         self.record(Entry::Output { path, at, text });
     }
 
-    /// Prints once that the record breaks off, if it does: the mission continues.
+    /// If the record has broken off, prints this once. The mission continues.
     fn watch_record(&mut self) {
         if !self.is_broken_off && self.recorder.as_ref().is_some_and(Recorder::has_broken_off) {
             self.is_broken_off = true;
@@ -400,19 +402,19 @@ impl Watch {
         mut arriving: mpsc::Receiver<ObserverEvent>,
     ) -> Result<(), Failure> {
         self.hearing.close().await;
-        // The last samples of programs that have ended, which count what they have lost.
+        // These are the last samples of programs that have ended. They count the values that were lost.
         while let Ok(event) = arriving.try_recv() {
             self.observed(event);
         }
         while let Ok(event) = self.arriving_ports.try_recv() {
             self.observed(event);
         }
-        // A user who leaves in the middle does not wait.
+        // If the user leaves early, the command does not wait for output.
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
         outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
         let (files, kept) = match self.recorder.take() {
-            // No host has accepted it: there is nothing to keep.
+            // No host has accepted the deployment, so there is nothing to keep.
             Some(recorder) if watched.is_err() && self.deployment.is_none() => {
                 recorder.discard();
                 (Files::default(), Ok(()))
@@ -422,7 +424,7 @@ impl Watch {
         };
         self.output.clear();
         if let Err(why) = watched {
-            // The part that was seen is still worth showing.
+            // The user still wants to see the part that was observed.
             if self.go_at.is_some() {
                 self.display.finish(&self.mission, &files, &mut self.output)?;
             }
@@ -439,7 +441,7 @@ impl Watch {
     }
 }
 
-/// Waits for two signals. The first is counted, and kept until the mission can be asked to stop.
+/// Waits for two signals. The first one is counted, and kept until the command can ask for a stop.
 ///
 /// # Cancellation
 /// Safe.
@@ -458,7 +460,7 @@ async fn twice([one, other]: [&mut Signal; 2], count: &mut u32) {
     }
 }
 
-/// Returns the next answer, if anything was asked.
+/// Returns the next answer to the request, if there is a request.
 ///
 /// # Cancellation
 /// Safe.

@@ -27,7 +27,7 @@ pub struct Arguments {
     values: Values,
 }
 
-/// Runs the verb; of the diagnostics of the spec only errors are printed.
+/// Runs the verb. Of the diagnostics of the spec, only errors are printed.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(output) = &arguments.output {
         named_file::not_over(output, [arguments.file.as_path()])?;

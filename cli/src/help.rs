@@ -23,7 +23,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("Editor and shell", &["lsp", "completions", "man"]),
 ];
 
-/// Two examples of each verb: what it is used for most, and a variant.
+/// Two examples of each verb: its most common use, and another one.
 const EXAMPLES: [(&str, [&str; 2]); 49] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
     ("import", ["dca import fetch.scxml -o fetch.dca", "dca import robot.launch.xml --set robot=r7 -o robot.dca"]),
@@ -91,13 +91,13 @@ const EXAMPLES: [(&str, [&str; 2]); 49] = [
     ("lsp", ["dca lsp", "dca lsp --controllers target/debug/arms"]),
 ];
 
-/// Examples of verbs that stand in the part on editors and shells.
+/// Two examples of each verb for a shell.
 const SHELL: [(&str, [&str; 2]); 2] = [
     ("completions", ["dca completions bash", "dca completions fish --of dca-node"]),
     ("man", ["dca man ~/.local/share/man/man1", "dca man pages"]),
 ];
 
-/// Returns a command line with its verbs in groups, and with examples behind the help of each.
+/// Returns the command line with a help that lists the verbs in groups, and shows examples of each verb.
 pub(crate) fn with_help(command: Command) -> Command {
     let groups = groups(&command);
     let command = command.after_help(groups).help_template(
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!(shown, known);
     }
 
-    /// The words of an example, as a shell makes them.
+    /// Splits an example into words, as a shell does.
     fn words(example: &str) -> Vec<String> {
         let (mut words, mut is_quoted) = (vec![String::new()], false);
         for sign in example.chars() {

@@ -1,4 +1,4 @@
-//! `dca hz`: prints how often values leave an output, how regularly, and how large they are.
+//! `dca hz`: prints how often and how regularly an output sends values, and how large they are.
 
 use crate::logic::tap::Rate;
 use crate::tapped::{End, TapArgs, TapEvent, follow};
@@ -18,14 +18,14 @@ pub struct Arguments {
     seconds: Option<f64>,
 }
 
-/// An output, and how often it had a value: since the last line, and in all.
+/// An output, with the rate of its values since the last line, and the rate during the whole time.
 struct Counted {
     name: String,
     lately: Rate,
     whole: Rate,
 }
 
-/// Runs the verb. A line comes each second, and in the end one for all of the time.
+/// Runs the verb. Prints a line each second, and at the end a line for the whole time.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (mut counted, mut ends): (Vec<Counted>, _) = (Vec::new(), None);
     let line = |name: &str, rate: &Rate, of: &str| {

@@ -1,4 +1,4 @@
-//! `dca import`: makes a spec of a state chart in SCXML, of a behavior tree of BehaviorTree.CPP, or of a launch file of ROS 2.
+//! `dca import`: makes a spec from a state chart in SCXML, a behavior tree of BehaviorTree.CPP, or a launch file of ROS 2.
 
 use crate::io::{named_file, whole_file};
 use crate::{assignment, check};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// The most remarks that are printed; the text has all of them.
 const REMARKS_MAX: usize = 100;
-/// The folder of an installation of ROS 2 in which each package has a file.
+/// The folder in an installation of ROS 2 that has a file for each package.
 const INDEX: &str = "share/ament_index/resource_index/packages";
 
 /// The arguments of `dca import`.
@@ -34,7 +34,7 @@ pub struct Arguments {
     setup: Option<String>,
 }
 
-/// Runs the verb. Each part that means something else, or that is missing, is a line on standard error.
+/// Runs the verb. Prints a line on standard error for each part whose meaning differs, or that is missing.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(output) = arguments.output.as_ref().filter(|output| output.exists()) {
         let output = output.display();
@@ -71,9 +71,9 @@ fn included(path: &str) -> Result<Source, String> {
     text.map(|text| Source::new(path, text)).map_err(|error| format!("`{path}` cannot be read: {error}"))
 }
 
-/// Returns the folder of shared files of a package, if a setup file of ROS 2 was sourced here and it has the package.
+/// Returns the folder of a package's shared files. A setup file of ROS 2 must have been sourced here, and the package must be installed.
 fn share(package: &str) -> Option<String> {
-    // A package is one name, so it leads out of no folder.
+    // The package must be a plain name, so that the path stays inside the folder.
     let is_name = !package.is_empty() && package.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
     let prefixes = std::env::var("AMENT_PREFIX_PATH").ok().filter(|_| is_name)?;
     let mut prefixes = prefixes.split(':').filter(|prefix| !prefix.is_empty());

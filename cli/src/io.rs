@@ -1,4 +1,4 @@
-//! Files of the command line: the record of a run, and files that a person names; and the machine that it runs on.
+//! Files of the command line: the record of a run, and files that a user names. Also the machine that the command runs on.
 
 mod interpreter;
 pub(crate) mod keyring;

@@ -1,11 +1,11 @@
-//! `--json`: which verbs have it, and for whom it is added here.
+//! `--json`: which verbs have this option, and which of them get it here.
 //!
-//! A verb with an answer of its own form reads the option itself and calls `console::answer`. The answers of the others are
-//! sentences or texts: `console::say` writes each as `{"text": …}`.
+//! A verb whose answer has a form of its own reads the option itself and calls `console::answer`. The answers of the
+//! other verbs are sentences or texts: `console::say` writes each of them as `{"text": …}`.
 
 use clap::{Arg, ArgAction, Command};
 
-/// The verbs that get the option here. Of `ctl`, `export` and `team`, all verbs below them get it.
+/// The verbs that get the option here. For `ctl`, `export` and `team`, all of their subcommands get it.
 const TEXTS: [&str; 18] = [
     "add", "audit", "check", "conform", "ctl", "export", "fix", "fmt", "graph", "import", "new", "remove", "replace",
     "report", "sim", "team", "test", "types",
@@ -22,10 +22,10 @@ mod tests {
     use super::*;
     use clap::CommandFactory as _;
 
-    /// Verbs without an answer: they show a mission, or write for a program of its own form.
+    /// Verbs that have no answer: they show a mission, or write in the form that another program needs.
     const OTHERS: [&str; 9] = ["attach", "completions", "deploy", "lsp", "man", "replay", "run", "top", "view"];
 
-    /// Returns the verbs that have none below them, each with its words.
+    /// Returns the verbs that have no subcommands, each as its list of words.
     fn leaves(command: &Command, words: &[&str]) -> Vec<Vec<String>> {
         let below: Vec<&Command> = command.get_subcommands().filter(|verb| verb.get_name() != "help").collect();
         let own = || words.iter().map(|word| (*word).to_owned()).collect();

@@ -1,6 +1,6 @@
-//! The command line: one file a verb. Results go to standard output, everything else to standard error.
+//! The command line: each verb has its own file. Results go to standard output, everything else to standard error.
 //!
-//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable, 4 not decided within the limits.
+//! Exit codes: 0 done, 1 refused or failed, 2 wrong usage, 3 unreachable, 4 not decided within the limits.
 
 pub(crate) mod absent;
 pub mod attach;
@@ -223,7 +223,7 @@ pub struct ConnectArgs {
 }
 
 impl ConnectArgs {
-    /// Returns these, and where something is not given the others.
+    /// Returns these options. Options that are missing are taken from `other`.
     fn or(&self, other: &Self) -> Self {
         let Self { lan, run_dir, key_folder, key_passphrase, silent } = self.clone();
         Self {
@@ -235,19 +235,19 @@ impl ConnectArgs {
         }
     }
 
-    /// Returns where the user's key is.
+    /// Returns the options for the user's key.
     fn key_place(&self) -> KeyPlace {
         KeyPlace { folder: self.key_folder.clone(), passphrase: self.key_passphrase.clone() }
     }
 
-    /// Returns the folder with the sockets of this machine's nodes, as a whole path.
+    /// Returns the folder with the sockets of this machine's nodes, as an absolute path.
     fn base(&self) -> PathBuf {
         let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);
         std::path::absolute(&base).unwrap_or(base)
     }
 }
 
-/// Reads seconds within a range.
+/// Reads a number of seconds within a range.
 fn seconds(text: &str, range: &RangeInclusive<f64>) -> Result<f64, String> {
     let seconds: f64 = text.parse().map_err(|_not_a_number| "this is not a number of seconds".to_owned())?;
     let within = || format!("it is from {} to {} seconds", range.start(), range.end());
@@ -278,19 +278,19 @@ pub struct Values {
 }
 
 impl Values {
-    /// Returns the values of the project file that are not given otherwise, and those that are given.
+    /// Returns the values that the user gives, and those of the project file for all other parameters.
     fn assignments(&self) -> Vec<Assignment> {
         let is_given = |one: &&Assignment| self.assignments.iter().any(|other| other.name == one.name);
         let defaults = self.defaults.iter().filter(|one| !is_given(one));
         defaults.chain(&self.assignments).cloned().collect()
     }
 
-    /// Returns the values without those of the project file, for a verb that writes into the spec.
+    /// Returns the values without the values of the project file, for a verb that writes into the spec.
     fn without_defaults(&self) -> Self {
         Self { defaults: Vec::new(), ..self.clone() }
     }
 
-    /// Returns a sentence for each host that the project file does not list, if it lists any.
+    /// If the project file lists hosts, returns a warning for each host that is not in the list.
     fn strange_hosts(&self, hosts: &[String]) -> Vec<String> {
         let is_strange = |host: &&String| !self.hosts.is_empty() && !self.hosts.contains(host);
         let sentence = |host: &String| {

@@ -1,6 +1,6 @@
 //! `dca list`: the ports, procedures, states and inner wires of running programs, with their types.
 //!
-//! The nodes give the places of the programs; each program is asked itself.
+//! The nodes give the places of the programs. Each program itself is asked for its names.
 
 use crate::ConnectArgs;
 use crate::absent;
@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     whole(&silent)
 }
 
-/// A list is incomplete if hosts have not answered.
+/// Returns an error if hosts have not answered: then the list is not complete.
 fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
     if silent.is_empty() {
         return Ok(());
@@ -72,7 +72,7 @@ fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
     Err(Failure::Unreachable(anyhow!("that is not everything: {silent} did not answer")))
 }
 
-/// Returns the entries of all matching programs, and the hosts that did not answer.
+/// Returns the entries of all matching programs, and the hosts that have not answered.
 async fn listed(
     clients: &Clients,
     taps: &Arc<Taps>,
@@ -120,7 +120,7 @@ async fn listed(
         exported.extend(found.iter().map(|row| (row.process.clone(), row.name.clone())));
         rows.extend(found);
     }
-    // A procedure is also the end of a connection.
+    // A procedure may also be at the end of a connection, so it counts as an input.
     let is_input = |row: &Listed| row.kind == ListedKind::Input;
     rows.retain(|row| instance.is_none_or(|name| name.is_state(&row.name)));
     rows.retain(|row| !is_input(row) || !exported.contains(&(row.process.clone(), row.name.clone())));
@@ -140,7 +140,7 @@ fn input(port: PortName) -> Listed {
     }
 }
 
-/// Asks one program; returns its name, its entries, and notes for people.
+/// Asks one program. Returns its name, its entries, and notes for a person.
 async fn program(
     taps: Arc<Taps>,
     deployment: Deployment,

@@ -1,7 +1,7 @@
-//! Feeds a live model: asks every node how it is, and listens to their events.
+//! Feeds a live model: asks every node for its status, and listens to the events of all nodes.
 //!
-//! Each node has a task of its own, so a node that does not answer keeps no other from being shown. A node is asked
-//! once a second, and soon after an event. A node without a viewer is not asked.
+//! Each node has a task of its own, so a silent node does not delay the others. A node is asked once a second, and soon
+//! after an event. Without an open view, no node is asked.
 
 mod measure;
 
@@ -25,21 +25,21 @@ use view::{Fleet, Input, MissionId, Model, RobotId};
 
 /// How often each node is asked.
 const ASK_EVERY: Duration = Duration::from_secs(1);
-/// How long after one question the next may come when something has happened: much often happens at once.
+/// The shortest pause between two questions to a node after an event: many events often happen at once.
 const AGAIN_AFTER: Duration = Duration::from_millis(100);
 /// How often each database is asked.
 const DATABASE_EVERY: Duration = Duration::from_secs(10);
-/// How long after one question for a plan the next may come.
+/// The shortest pause between two questions for the same plan.
 const PLAN_AGAIN: Duration = Duration::from_secs(3);
-/// How long the node of this machine may be silent until another one on this machine is used.
+/// How long the node of this machine may be silent. After this time, another node of this machine is used.
 const SILENT_MAX: Duration = Duration::from_secs(5);
-/// How many inputs wait to be shown; further senders wait.
+/// The most inputs that wait to be shown. When there are as many, senders wait.
 const INPUTS_MAX: usize = 256;
 
-/// A node, by its connection and its name.
+/// A node, by the number of its connection and its name.
 type Place = (usize, String);
 
-/// A message of a task.
+/// A message from a task.
 enum Heard {
     Input(Input),
     /// The status of a node.
@@ -51,7 +51,7 @@ enum Heard {
 /// A node that is asked.
 struct Watched {
     task: AbortHandle,
-    /// Changes when something has happened there.
+    /// Changes when something has happened on the node.
     nudge: watch::Sender<u64>,
     missing: BTreeSet<String>,
 }
@@ -59,7 +59,7 @@ struct Watched {
 /// A connection to nodes.
 struct Connection {
     client: Arc<Client>,
-    /// When the node of this machine behind it has answered last, or when it was opened.
+    /// When the connection's node on this machine last answered, or when the connection was opened.
     answered: Time,
 }
 
@@ -70,9 +70,9 @@ pub(crate) struct Live {
     connections: Vec<Connection>,
     watched: BTreeMap<Place, Watched>,
     is_opening: bool,
-    /// When the plan of a deployment was asked for last.
+    /// When the plan of each deployment was last asked for.
     plans: BTreeMap<MissionId, Time>,
-    /// The process whose output is heard, and the task.
+    /// The process whose output is received, and the task that receives it.
     output: Option<(Program, AbortHandle)>,
     measurement: Option<Measurement>,
     tasks: JoinSet<()>,
@@ -126,14 +126,14 @@ impl Live {
                             return self.go_on_with(*feed);
                         }
                     }
-                    // The source itself holds a sender.
+                    // This cannot happen: the source itself holds a sender.
                     None => std::future::pending().await,
                 },
             }
         }
     }
 
-    /// Asks for plans that the model lacks, and hears the output and the rate that a person looks at.
+    /// Asks for plans that the model lacks. Receives the output and measures the rate that a person looks at.
     pub(crate) fn follow(&mut self, model: &Model, heard: Option<&Program>, measured: Option<ProgramOutput>) {
         self.take_clients();
         let now = clock::now();
@@ -164,7 +164,7 @@ impl Live {
         self.feed.clients()
     }
 
-    /// Returns each connection through a node of this machine, and that node.
+    /// Returns each connection that goes through a node of this machine, together with this node.
     pub(crate) fn locals(&self) -> Vec<(Arc<Client>, String)> {
         let local = |client: &Arc<Client>| Some((Arc::clone(client), client.local()?.to_owned()));
         self.connections.iter().map(|connection| &connection.client).filter_map(local).collect()
@@ -177,7 +177,7 @@ impl Live {
         self.client(*number).cloned()
     }
 
-    /// Returns the nodes that a connection reaches.
+    /// Returns which fleet of nodes a connection reaches.
     fn fleet(&self, number: usize) -> Fleet {
         self.client(number).map_or(Fleet::Standing, |client| client.fleet())
     }
@@ -186,7 +186,7 @@ impl Live {
         self.connections.get(number).map(|connection| &connection.client)
     }
 
-    /// Returns where its nodes are, for orders when none of them answers.
+    /// Returns the options for finding nodes, for orders when no node answers over the present connections.
     pub(crate) fn connect(&self) -> ConnectArgs {
         self.connect.clone()
     }
@@ -202,7 +202,7 @@ impl Live {
         self.feed.close().await;
     }
 
-    /// Takes note of connections that are new.
+    /// Adds the connections that the feed has opened since.
     fn take_clients(&mut self) {
         let all = self.feed.clients().shared();
         let new = all.into_iter().skip(self.connections.len());
@@ -224,7 +224,7 @@ impl Live {
         }
     }
 
-    /// Has the nodes that an event is about asked soon.
+    /// Makes the tasks of the nodes that an event is about ask soon.
     fn nudge(&self, fleet: Fleet, event: &Event) {
         let is_of_one = matches!(event.report, Report::Process { .. });
         for ((number, host), watched) in &self.watched {
@@ -234,7 +234,7 @@ impl Live {
         }
     }
 
-    /// Connects through another node of this machine once the one behind a connection is silent.
+    /// If the node of this machine behind a connection is silent, connects through another one.
     fn open_again(&mut self, now: Time) {
         let is_silent = |connection: &Connection| {
             let client = &connection.client;
@@ -259,10 +259,10 @@ impl Live {
         });
     }
 
-    /// Asks and listens over new connections instead of the present ones.
+    /// Replaces the present connections by those of a new feed.
     fn go_on_with(&mut self, feed: Feed) -> Input {
         self.tasks.abort_all();
-        // The old tasks have sent inputs about connections that are closed.
+        // The old queue may contain inputs about connections that are closed now.
         (self.sink, self.heard) = mpsc::channel(INPUTS_MAX);
         (self.output, self.measurement) = (None, None);
         self.watched.clear();
@@ -290,7 +290,7 @@ impl Live {
         }
     }
 
-    /// Asks the nodes that a connection reaches, and asks those no more that have left.
+    /// Begins to ask the nodes that a connection reaches, and stops asking the nodes that have left.
     fn reached(&mut self, number: usize, hosts: &BTreeSet<String>) -> Input {
         self.take_clients();
         for host in hosts {
@@ -317,7 +317,7 @@ impl Live {
         Input::Known { fleet: self.fleet(number), hosts: known }
     }
 
-    /// Hears the output of a process instead of that of another.
+    /// Receives the output of this process, and no longer that of another one.
     fn hear(&mut self, program: Option<&Program>) {
         if self.output.as_ref().map(|(heard, _)| heard) == program {
             return;
@@ -333,7 +333,7 @@ impl Live {
         }
     }
 
-    /// Measures an output instead of another, or again if its measurement has ended by itself.
+    /// Measures this output, and no longer another one. If the measurement has ended by itself, begins again.
     fn measure(&mut self, output: Option<ProgramOutput>) {
         let is_same = self.measurement.as_ref().map(Measurement::output) == output.as_ref();
         if is_same && !self.measurement.as_ref().is_some_and(Measurement::is_over) {
@@ -351,17 +351,17 @@ impl Live {
     }
 }
 
-/// Asks one node, again and again.
+/// Asks one node repeatedly.
 struct Asker {
     client: Arc<Client>,
     place: Place,
-    /// Whether it is asked about the hosts that it misses: the node of this machine is.
+    /// Whether the node is asked about the hosts that it misses. Only the node of this machine is asked this.
     is_local: bool,
     sink: Sender<Heard>,
 }
 
 impl Asker {
-    /// Each answer is told at once. A slow database delays no status.
+    /// Asks for the status and for the database at the same time, so that a slow database does not delay the status.
     async fn ask(self, nudged: watch::Receiver<u64>) {
         tokio::select! {
             () = self.statuses(nudged) => {}
@@ -397,7 +397,7 @@ impl Asker {
         }
     }
 
-    /// Asks once; returns nothing if the view has ended.
+    /// Asks for the status once. Returns nothing if the view has ended.
     async fn status(&self) -> Option<()> {
         let (_, host) = &self.place;
         let status = match self.client.ask(host, &Request::Status, ANSWER_WITHIN).await {
@@ -422,7 +422,7 @@ impl Asker {
         RobotId { host: self.place.1.clone(), fleet: self.client.fleet() }
     }
 
-    /// Tells the view something; returns nothing if the view has ended.
+    /// Sends something to the view. Returns nothing if the view has ended.
     async fn tell(&self, heard: Heard) -> Option<()> {
         self.sink.send(heard).await.ok()
     }
@@ -435,13 +435,13 @@ async fn ask_plan(client: Arc<Client>, mission: MissionId, sink: Sender<Heard>) 
     }
 }
 
-/// Hears the output of a process: first the earlier lines, then new ones.
+/// Receives the output of a process: first the earlier lines, then new ones.
 async fn hear(client: Arc<Client>, program: Program, sink: Sender<Heard>) {
     let Program { mission, host, path } = program;
     let name = mission.deployment.name.clone();
     let request = Request::Logs { deployment: Some(name), process: path.clone(), follow: true };
     let Ok(mut answers) = client.ask_on(&host, &request) else { return };
-    // The earlier lines come again if they were heard before.
+    // The node sends the earlier lines again, even if the view has them already.
     let begins = Input::OutputBegins { mission: mission.clone(), path: path.clone() };
     if sink.send(Heard::Input(begins)).await.is_err() {
         return;

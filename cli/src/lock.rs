@@ -1,4 +1,4 @@
-//! `dca lock`: the resource locks of running programs, their holders and waiting clients, from any host.
+//! `dca lock`: shows the resource locks of running programs, their holders and waiting clients, from any host.
 
 use crate::shown::{self, Arguments, Wanted};
 use comms::logic::messaging::wire::LockStatus;

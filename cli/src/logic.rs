@@ -1,4 +1,4 @@
-//! The views of the command line. They are pure: the same reports give the same lines, summary and page.
+//! The views of the command line. They are pure functions: the same reports give the same lines, summary and page.
 
 pub mod checkup;
 pub(crate) mod clock;

@@ -18,7 +18,7 @@ use node::logic::protocol::{Answer, Deployment, NodeStatus, Request, SEVERAL, le
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// How many records are looked into for the output of a process that runs no more.
+/// The most records that are searched for the output of a process that does not run any more.
 const RECORDS_MAX: usize = 20;
 
 /// The arguments of `dca logs`.
@@ -48,7 +48,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Returns the name of the process; empty if all of a deployment are meant, or all that there are.
+    /// Returns the name of the process. It is empty if all processes, or all processes of a deployment, are meant.
     fn name(&self) -> ProcessName {
         self.process.clone().unwrap_or_else(|| ProcessName::new(""))
     }
@@ -60,7 +60,7 @@ impl Arguments {
 
 /// The reason why no node has the output of a process.
 enum NoOutput {
-    /// Every node has answered, or none runs: it is over.
+    /// Every node has answered, or no node runs. So the process is over.
     Over(Failure),
     /// The process may run on a host that does not answer.
     Unknown(Failure),
@@ -76,9 +76,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     match without {
         None => Ok(()),
-        // The run is over, and its nodes are gone: the output of its programs is in its record.
+        // The run is over, and no node has the output any more. Its record still has it.
         Some(NoOutput::Over(failure)) => recorded(arguments).unwrap_or(Err(failure)),
-        // The record of another run is not an answer.
+        // The record of an earlier run would be a wrong answer.
         Some(NoOutput::Unknown(failure)) => Err(Failure::Unreachable(anyhow!(
             "{}; `--recorded` reads the latest record in `{}` instead",
             words(&failure),
@@ -87,7 +87,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Prints the output that nodes have; returns the reason if no node has it.
+/// Prints the output that nodes have. If no node has it, returns the reason.
 async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> {
     let clients = match Clients::open(&arguments.connect).await {
         Ok(clients) => clients,
@@ -115,7 +115,7 @@ fn runs_any(connect: &ConnectArgs) -> bool {
     run_dir::groups(&connect.base()).iter().any(runs)
 }
 
-/// Prints the output of the process; returns the reason if no node has it.
+/// Prints the output of the process. If no node has it, returns the reason.
 async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutput>, Failure> {
     let all = clients.statuses().await?;
     let meant = |(client, statuses): &(_, Statuses)| {
@@ -154,8 +154,8 @@ fn request(arguments: &Arguments, deployment: Option<String>, process: String) -
     Request::Logs { deployment, process, follow: arguments.follow }
 }
 
-/// Prints the output of a process that has ended with its deployment, from the first node that still has it. Returns
-/// whether one has.
+/// Prints the output of a process that has ended together with its deployment. The first node that still has the output
+/// sends it. Returns whether there is such a node.
 async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure> {
     for client in clients.iter() {
         for host in client.hosts(&[]).await? {
@@ -194,7 +194,7 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
     Ok(())
 }
 
-/// Prints the output of a process from the latest record that has it; none if no record has.
+/// Prints the output of a process from the latest record that has it. Returns nothing if no record has it.
 fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
     if let Err(why) = folder::check(&arguments.runs, RUNS) {
         return Some(Err(anyhow!(why).into()));
@@ -213,7 +213,7 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
                 continue;
             }
         };
-        // A record does not say which run of its deployment it is of.
+        // A record does not say which run of its deployment it belongs to.
         let (name, deployment) =
             (arguments.name().of_any_run(), Deployment { name: run.header.plan.name.clone(), epoch: 0 });
         let meant: Vec<&str> = run
@@ -250,7 +250,7 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
     None
 }
 
-/// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.
+/// Returns host, deployment and path of each matching leaf, even if its program does not run.
 fn find(statuses: &[NodeStatus], arguments: &Arguments) -> BTreeSet<(String, String, String)> {
     let leaves = leaves(statuses).into_iter();
     let found = leaves.filter(|leaf| arguments.is_meant(leaf.deployment, &leaf.process.path));

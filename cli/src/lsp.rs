@@ -1,8 +1,9 @@
 //! `dca lsp`: a language server, over standard input and output.
 //!
-//! One thread reads messages, this one answers them in their order; programs are asked for their interfaces by threads of
-//! their own, and so are proofs; their answers come in by the same queue. Every keystroke is checked from the start, unless the next one is
-//! here already: then the text in between is never looked at. Nothing is computed ahead, so nothing can be stale.
+//! One thread reads messages, and the main thread answers them in their order. Further threads ask programs for their
+//! interfaces and compute proofs; their results arrive in the same queue. After each keystroke, the whole text is
+//! checked. If the next keystroke is already in the queue, the text in between is not checked. Nothing is computed in
+//! advance, so no result is out of date.
 
 mod answer;
 mod client;
@@ -27,7 +28,7 @@ use server::{Server, State};
 use std::io::{self, BufReader};
 use std::sync::mpsc::{SyncSender, sync_channel};
 
-/// The most messages that wait.
+/// The most messages in the queue.
 const QUEUE_MAX: usize = 256;
 
 /// The arguments of `dca lsp`.
@@ -40,7 +41,7 @@ pub struct Arguments {
     stdio: bool,
 }
 
-/// Runs the verb, until the editor sends `exit` or goes away.
+/// Runs the verb until the editor sends `exit` or disconnects.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (events_tx, events) = sync_channel(QUEUE_MAX);
     let reader_tx = events_tx.clone();
@@ -62,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             server.publish(&mut replies);
         }
         for reply in replies {
-            // An editor that is gone needs no answer.
+            // If the editor has disconnected, it needs no answer.
             if !console::pass(&rpc::frame(&reply)).or(Err(Failure::Reported))? {
                 return Err(Failure::Reported);
             }
@@ -75,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Hands on the editor's messages, until there are no more.
+/// Passes on the editor's messages until they end.
 fn read(events: &SyncSender<Event>) {
     let mut input = BufReader::new(io::stdin().lock());
     loop {

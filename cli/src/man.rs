@@ -28,11 +28,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes the pages of `dca`, of each verb and of `dca-node`; returns how many there are.
+/// Writes the pages of `dca`, of each verb and of `dca-node`. Returns the number of pages.
 fn write(folder: &Path) -> std::io::Result<usize> {
     fs::create_dir_all(folder)?;
     let mut count = 0;
-    // The name of a page is that of its command: `dca-db-put.1`.
+    // A page has the name of its command: `dca-db-put.1`.
     let mut next =
         vec![with_json(with_help(Command::command())).disable_help_subcommand(true), node::command::command()];
     while let Some(mut command) = next.pop() {

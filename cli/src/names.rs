@@ -1,4 +1,4 @@
-//! `dca names`: every name that is given out, and its holder.
+//! `dca names`: lists every name that a host has given out, and its holder.
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences};
@@ -35,14 +35,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks every node for its names. Commands run their own nodes, which are separate partitions.
+/// Asks every node for its names. Each command has its own nodes, which are a separate partition.
 async fn asked(clients: &Clients) -> Result<(Vec<Partition>, Absences), Failure> {
     let found = clients.statuses().await?;
     let away = absent::ask(&found).await;
     let mut all = Vec::new();
     for (client, statuses) in found {
         let deadline = clock::now() + ANSWER_WITHIN;
-        // All at once: each may be far away.
+        // All nodes are asked at once: each may be far away.
         let ask = |host: &str| client.ask_on(host, &Request::Names).ok();
         let asked: Vec<_> = statuses.nodes.into_iter().map(|status| (ask(&status.host), status)).collect();
         let mut told = Vec::new();

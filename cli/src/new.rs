@@ -1,4 +1,4 @@
-//! `dca new`: makes a folder with a spec that runs, and with `--sdk` or `--python` a program with controllers for it.
+//! `dca new`: makes a folder with a spec that can run. With `--sdk` or `--python`, it also makes a program with controllers for the spec.
 
 use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
@@ -43,8 +43,8 @@ opt-level = 2
 [workspace]
 ";
 
-/// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
-/// the search path, a second one of their name is built or started in their place.
+/// Names that Cargo, the program itself or DCA uses otherwise. The crates of DCA are in the dependencies of the program,
+/// and its programs are on the search path. So a program with one of their names would be built or started instead.
 const TAKEN: [&str; 41] = [
     "alloc",
     "bridge",
@@ -88,19 +88,19 @@ const TAKEN: [&str; 41] = [
     "verify",
     "view",
 ];
-/// Words of Rust that are letters only, so that a program cannot be called so.
+/// Keywords of Rust that consist only of letters. They cannot be the name of a program.
 const WORDS: [&str; 36] = [
     "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate", "do", "dyn", "else",
     "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop", "macro", "match", "mod",
     "move", "mut", "pub", "ref", "return", "static", "struct", "trait",
 ];
 
-/// The crate that controllers are written with.
+/// The crate with which controllers are written.
 #[derive(Debug)]
 struct Sdk {
     /// The folder of the crate `controllers`.
     path: PathBuf,
-    /// The clone of DCA that it is in.
+    /// The clone of DCA that contains the crate.
     clone: PathBuf,
 }
 
@@ -133,7 +133,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A file below the folder, and its text.
+/// The path of a file in the folder, and its text.
 type File = (PathBuf, String);
 
 fn plain(name: &str) -> Vec<File> {
@@ -151,7 +151,7 @@ fn python(name: &str) -> Vec<File> {
 
 fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
     let path = sdk.path.to_str().with_context(|| format!("the path of `{}` is not text", sdk.path.display()))?;
-    // A JSON string is also a TOML string.
+    // Each JSON string is also a valid TOML string.
     let manifest = MANIFEST.replace("NAME", &format!("\"{name}\"")).replace("SDK", &serde_json::to_string(path)?);
     let mut files = vec![
         (format!("{name}.dca").into(), SDK_SPEC.to_owned()),
@@ -159,7 +159,7 @@ fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
         ("src/main.rs".into(), PROGRAM.to_owned()),
         (".gitignore".into(), "/target\n/runs\n".to_owned()),
     ];
-    // The versions that DCA was tested with, and how its dependencies have to be built.
+    // These files have the versions that DCA was tested with, and the options for building its dependencies.
     for shared in ["Cargo.lock", ".cargo/config.toml"] {
         let file = sdk.clone.join(shared);
         match fs::read_to_string(&file) {
@@ -171,7 +171,7 @@ fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
     Ok(files)
 }
 
-/// Makes the folder whole, or not at all.
+/// Makes the folder completely or not at all.
 fn make(folder: &Path, files: &[File]) -> Result<(), Failure> {
     let making = || format!("making the folder `{}`", folder.display());
     if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
@@ -189,14 +189,14 @@ fn make(folder: &Path, files: &[File]) -> Result<(), Failure> {
         made.and_then(|()| fs::write(&file, text)).with_context(|| format!("writing `{}`", file.display()))
     });
     if written.is_err() {
-        // The remains are useless; the first error counts.
+        // The remains are of no use. If removing them fails, the first error is still the one to report.
         drop(fs::remove_dir_all(folder));
     }
     Ok(written?)
 }
 
 impl Sdk {
-    /// Looks in the given place, else where this program was built.
+    /// Searches the given folder, or else the folder where this program was built.
     fn find(given: Option<&Path>) -> Result<Self, Failure> {
         if let Some(given) = given {
             let looking = || format!("looking for DCA at `{}`", given.display());
@@ -214,7 +214,7 @@ impl Sdk {
         Ok(above_program.chain(built).chain(above_here).find_map(Self::at).ok_or_else(none)?)
     }
 
-    /// The crate in a clone of DCA; none if the folder is not a clone.
+    /// Returns the crate in a clone of DCA; nothing if the folder is not a clone.
     fn at(clone: &Path) -> Option<Self> {
         let path = clone.join("controllers");
         let manifest = fs::read_to_string(path.join("Cargo.toml")).ok()?;
@@ -223,7 +223,7 @@ impl Sdk {
     }
 }
 
-/// The name of the folder, which has to be valid for Cargo.
+/// Returns the name of the folder. It has to be a valid name for Cargo.
 fn name(folder: &Path, is_program: bool) -> Result<String, Failure> {
     let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let is_good = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
@@ -233,7 +233,7 @@ fn name(folder: &Path, is_program: bool) -> Result<String, Failure> {
             anyhow!("`{name}` cannot be the name of a program: letters, digits, `_` and `-`, a letter first").into()
         );
     }
-    // Cargo takes `a-b` and `a_b` for one crate.
+    // Cargo treats `a-b` and `a_b` as the same crate.
     let is_same = |taken: &&str| taken.replace('-', "_") == name.replace('-', "_");
     if is_program && TAKEN.iter().chain(&WORDS).any(is_same) {
         return Err(
@@ -248,7 +248,7 @@ mod tests {
     use super::*;
     use language::{Options, Source, compile, format};
 
-    /// The specs are formatted; real processes run them in `tests/tests/all/new.rs`.
+    /// The specs are valid and formatted. `tests/tests/all/new.rs` runs them with real processes.
     #[test]
     fn the_specs_are_good_and_formatted() {
         let interface = "type Level = { value: Number };
@@ -275,7 +275,7 @@ mod tests {
         assert!(name(Path::new("test"), false).is_ok());
     }
 
-    /// The members of this workspace, and their programs.
+    /// The members of this workspace and their programs are among the names that are taken.
     #[test]
     fn a_name_is_none_of_dca() {
         let clone = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();

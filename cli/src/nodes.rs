@@ -1,4 +1,4 @@
-//! `dca nodes`: lists the nodes that can be reached, and those that no longer can.
+//! `dca nodes`: lists the nodes that can be reached, and the nodes that no longer can be reached.
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences, ago, duplicate, outlawed};
@@ -54,7 +54,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns a row for each host that does not answer, in the form of the rows of those that are `there`.
+/// Returns a row for each host that does not answer. The rows have the form of those for hosts that are `there`.
 fn away_rows(away: &Absences, there: &BTreeSet<String>) -> Vec<Vec<String>> {
     let row = |host: &str, state: String| {
         let open = away.ends.iter().filter(|end| end.hosts.iter().any(|one| one.host == host));
@@ -69,7 +69,7 @@ fn away_rows(away: &Absences, there: &BTreeSet<String>) -> Vec<Vec<String>> {
     let mut rows: Vec<Vec<String>> = away.hosts.iter().map(gone).collect();
     rows.extend(away.silent.iter().map(|host| row(host, "does not answer".to_owned())));
     rows.extend(away.revoked.iter().map(|host| row(host, "revoked".to_owned())));
-    // A host that this home has only read of in its journal.
+    // The home may know such a host only from its journal.
     let named: BTreeSet<&str> = away.ends.iter().flat_map(|end| &end.hosts).map(|one| one.host.as_str()).collect();
     let listed: BTreeSet<String> = rows.iter().map(|row| row[0].clone()).collect();
     let unheard = named.into_iter().filter(|host| !listed.contains(*host) && !there.contains(*host));
@@ -77,13 +77,13 @@ fn away_rows(away: &Absences, there: &BTreeSet<String>) -> Vec<Vec<String>> {
     rows
 }
 
-/// Returns the hosts that do not answer; the time when one was last heard is null if no node reports it.
+/// Returns the hosts that do not answer. The time when a host was last heard is null if no node reports it.
 fn missing(away: &Absences) -> serde_json::Result<Vec<serde_json::Value>> {
     let silent = away.silent.iter().map(|host| Ok(serde_json::json!({ "host": host, "heard": null, "lost": false })));
     away.hosts.iter().map(serde_json::to_value).chain(silent).collect()
 }
 
-/// Asks every node for its status, and for the nodes that it is not linked to and that it misses.
+/// Asks every node for its status, for the nodes that it misses, and for its missing links.
 async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>, Absences), Failure> {
     let (mut statuses, mut missing) = (Vec::new(), Vec::new());
     let all = clients.statuses().await?;
@@ -95,21 +95,21 @@ async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>, Absen
     Ok((statuses, missing, away))
 }
 
-/// Returns a sentence for each link that a node tries to make, and has not.
+/// Returns a sentence for each link that a node tries to make but does not have yet.
 async fn unlinked(client: &Client, nodes: &[NodeStatus]) -> Vec<String> {
     let (mut sentences, deadline) = (Vec::new(), clock::now() + ANSWER_WITHIN);
-    // All at once: each may be far away.
+    // All nodes are asked at once: each may be far away.
     let asked: Vec<_> = nodes.iter().map(|node| (node, client.ask_on(&node.host, &Request::Unlinked))).collect();
     for (node, answers) in asked {
         let Ok(mut answers) = answers else { continue };
-        // A node of an older version does not know the question.
+        // A node of an older version does not understand the question.
         let Some(Ok(Answer::Unlinked(missing))) = answers.next_by(deadline).await else { continue };
         sentences.extend(missing_links(node, missing));
     }
     sentences
 }
 
-/// Describes the missing links of a node. Links to another node that had its own name are left out.
+/// Describes the missing links of a node. Leaves out links to other nodes that had the same name as this node.
 fn missing_links(node: &NodeStatus, missing: Vec<(String, String)>) -> impl Iterator<Item = String> {
     let unseen = missing.into_iter().filter(|(who, _)| *who != node.host && !node.peers.contains(who));
     unseen.map(|(who, why)| format!("`{}` is not linked to {who}: {why}", node.host))

@@ -1,6 +1,6 @@
-//! `dca call` and `dca get`: the exports of running programs, from any host.
+//! `dca call` and `dca get`: use the exports of running programs, from any host.
 //!
-//! The nodes give the place of a program; the call goes directly to it.
+//! The nodes give the place of a program. The call goes directly to the program.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::complete;
@@ -24,7 +24,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// The options that calls and reads have in common.
+/// The options of both verbs.
 #[derive(Debug, clap::Args)]
 struct ObjectArgs {
     /// The export: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; the end of the instance's path is enough
@@ -66,10 +66,10 @@ pub struct GetArguments {
     watch: bool,
 }
 
-/// How often a state is looked at.
+/// How often a state is read.
 const WATCH_EVERY: Duration = Duration::from_millis(100);
 
-/// How often the node of a program that does not answer is asked whether it still runs.
+/// If a program does not answer, how often its node is asked whether the program still runs.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
 /// A matching program, with its exports.
@@ -78,7 +78,7 @@ struct Found<'a> {
     exports: Exports,
 }
 
-/// A matching program, and the node to ask about it.
+/// A matching program, with the connection to its node.
 #[derive(Clone, Copy)]
 struct Program<'a> {
     client: &'a Client,
@@ -133,7 +133,7 @@ pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
     }))
 }
 
-/// A program whose procedures are called one after the other.
+/// A program whose procedures can be called one after the other.
 pub(crate) struct Visit<'a> {
     taps: &'a Taps,
     found: Found<'a>,
@@ -141,7 +141,7 @@ pub(crate) struct Visit<'a> {
 }
 
 impl Visit<'_> {
-    /// Calls a procedure with an argument of JSON; returns its result.
+    /// Calls a procedure with an argument in JSON, and returns the result.
     pub(crate) async fn call(&self, procedure: &str, given: &Value) -> Result<Value, Failure> {
         let Self { taps, found, within } = self;
         let exported = exported(found, procedure)?;
@@ -155,7 +155,7 @@ impl Visit<'_> {
     }
 }
 
-/// Finds a program, and calls some of its procedures. Each has `within` for its answer.
+/// Finds a program, and lets `work` call its procedures. Each answer may take up to `within`.
 pub(crate) fn visit<T>(
     connect: &ConnectArgs,
     process: &ProcessName,
@@ -190,15 +190,14 @@ async fn with_taps(
     done
 }
 
-/// Returns the matching processes, each once. A process that stands for one of another deployment counts as that
-/// process.
+/// Returns the matching processes, each once. A process that stands for a process of another deployment counts as that process.
 fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ProcessName) -> Vec<Program<'a>> {
     let programs =
         all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));
     let programs: Vec<Program<'a>> = programs.collect();
     let is_meant = |program: &&Program<'a>| name.is_process(program.at.deployment, program.path());
     let mut meant: Vec<Program<'a>> = programs.iter().filter(is_meant).copied().collect();
-    // The whole of a path goes before the end of another.
+    // If the name is the whole path of a process, only this process matches.
     let is_whole = |program: &Program<'a>| Some(program.path()) == name.process();
     if meant.iter().any(is_whole) {
         meant.retain(is_whole);
@@ -215,7 +214,7 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ProcessName) -> Vec<Progr
     meant
 }
 
-/// Finds the one matching program, and asks it for its exports.
+/// Finds the only matching program, and asks it for its exports.
 async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &ProcessName) -> Result<Found<'a>, Failure> {
     let meant = meant(all, name);
     let program = match meant.as_slice() {
@@ -249,14 +248,14 @@ async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &Process
     Ok(Found { exports, ..found })
 }
 
-/// Where a program is.
+/// The place of a program.
 enum Place {
     At(Dial),
-    /// It runs, and is asked nothing.
+    /// The program runs, but has no session in which it could be asked.
     WithoutSession,
-    /// It is being started; its state.
+    /// The program is being started. The text is its state.
     Coming(String),
-    /// It has ended; its state.
+    /// The program has ended. The text is its state.
     Gone(String),
 }
 
@@ -265,11 +264,11 @@ impl Program<'_> {
         &self.at.process.path
     }
 
-    /// Asks its node where it is.
+    /// Asks the node of the program for its place.
     async fn place(&self) -> Result<Place, Failure> {
         let located = match locations(self.client, self.at.host, self.at.deployment).await {
             Ok(located) => located,
-            // Its node does not know the deployment any more.
+            // The node does not know the deployment any more.
             Err(Failure::Refused(why)) => return Ok(Place::Gone(why.to_string())),
             Err(failure) => return Err(failure),
         };
@@ -290,7 +289,7 @@ impl Program<'_> {
         })
     }
 
-    /// Returns its address; none if it does not run. A program that is being started is waited for.
+    /// Returns the address of the program; nothing if it cannot be asked. Waits if the program is being started.
     async fn located(&self, within: Duration) -> Result<Option<Dial>, Failure> {
         let until = clock::now() + within;
         loop {
@@ -306,7 +305,7 @@ impl Program<'_> {
         }
     }
 
-    /// Waits until it has left this session. A missing answer of a node does not count.
+    /// Waits until the program has left this session. If the node does not answer, continues to wait.
     ///
     /// # Cancellation
     /// Safe.
@@ -334,7 +333,7 @@ pub(crate) struct Callee<'a> {
     pub(crate) path: &'a str,
 }
 
-/// Returns a call with the signature of its user, if the node is in a team and the procedure needs one.
+/// Returns a call. The user signs it if the node is in a team and the procedure requires a right.
 pub(crate) async fn signed(
     client: &Client,
     callee: Callee<'_>,
@@ -375,7 +374,7 @@ fn exported<'a>(found: &'a Found<'_>, name: &str) -> Result<&'a Exported, Failur
     })
 }
 
-/// Makes the call; returns its result, and how long it took.
+/// Makes the call. Returns its result, and how long it took.
 async fn ask(
     taps: &Taps,
     found: &Found<'_>,
@@ -398,13 +397,13 @@ fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, value: &
     }
 }
 
-/// Returns the failure in one sentence. An unknown outcome counts as unreachable.
+/// Returns the failure as one sentence. If the outcome is unknown, the program counts as unreachable.
 fn failure(found: &Found<'_>, name: &str, error: &ObjectError) -> Failure {
     let why = anyhow!(sentence(found.program.path(), name, error));
     if error.may_have_happened() { Failure::Unreachable(why) } else { Failure::Refused(why) }
 }
 
-/// Returns the sentence about a call that has no result.
+/// Describes in a sentence why a call has no result.
 pub(crate) fn sentence(path: &str, name: &str, error: &ObjectError) -> String {
     let hint = if error.hint().is_empty() { String::new() } else { format!("; {}", error.hint()) };
     format!("`{name}` of `{path}`: {error}{hint}")

@@ -1,4 +1,4 @@
-//! Orders of a person who looks at a live view: stop everything, release it, answer a question.
+//! Orders from a live view: stop everything, release the stop, answer a question.
 
 use crate::client::{Client, Clients, words};
 use crate::estop::{self, Outcome};
@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use view::MissionId;
 
-/// Stops everything on every node, or releases it; returns the results in one line. If no node answers over the present
-/// connections, it is tried over new ones.
+/// Stops everything on every node, or releases the stop. Returns the results in one line. If no node answers over the
+/// present connections, new ones are made.
 pub(crate) async fn everywhere(clients: &Clients, connect: &ConnectArgs, action: &Action) -> String {
     let request = if *action == Action::Release {
         Request::ReleaseEstop
@@ -25,8 +25,8 @@ pub(crate) async fn everywhere(clients: &Clients, connect: &ConnectArgs, action:
     }
 }
 
-/// Has every node stop everything, or release it; returns the result of each host. If no node answers over the present connections, it
-/// is tried over new ones.
+/// Makes every node stop everything or release the stop. Returns the result of each host. If no node answers over the
+/// present connections, new ones are made.
 pub(crate) async fn outcomes(
     clients: &Clients,
     connect: &ConnectArgs,
@@ -48,8 +48,8 @@ pub(crate) fn in_one_line(outcomes: &BTreeMap<String, Outcome>) -> String {
     lines.collect::<Vec<_>>().join(" | ")
 }
 
-/// Asks every node over new connections: the node behind the present ones may be gone, and another there. Nothing is asked of
-/// the person.
+/// Asks every node over new connections: the node behind the present ones may be gone, and another one may run now.
+/// Gives up if this would need a passphrase.
 async fn anew(clients: &Clients, connect: &ConnectArgs, request: &Request) -> Option<BTreeMap<String, Outcome>> {
     let fresh = Clients::open(connect).await.ok()?;
     let mut is_locked = false;
@@ -64,7 +64,7 @@ async fn anew(clients: &Clients, connect: &ConnectArgs, request: &Request) -> Op
     outcomes
 }
 
-/// Answers a question; returns the result in one line.
+/// Answers a question, and returns the result in one line.
 pub(crate) async fn tell(client: Arc<Client>, given: GivenAnswer) -> String {
     let GivenAnswer { mission: MissionId { deployment, home, .. }, path, question, option } = given;
     let order = ActivityInput::Answer { question, option: option.clone() };

@@ -1,20 +1,20 @@
-//! The streams of a command with a live line, which is removed before anything else is written. Output without a live
-//! line goes through `node::console`.
+//! The output of a command that has a live line. The live line is removed before other output. Commands without a live
+//! line use `node::console`.
 
 use crate::logic::mission::{Line, Style};
 use node::console;
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
 
-/// Rows and columns of a terminal that does not report its size.
+/// The rows and columns that a terminal counts as having if it does not report its size.
 pub const SCREEN_DEFAULT: (usize, usize) = (24, 80);
 
-/// Returns whether texts on standard error may have colours.
+/// Returns whether text on standard error may be coloured.
 pub fn is_coloured() -> bool {
     has_colours(&io::stderr())
 }
 
-/// Returns whether texts on a stream may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
+/// Returns whether text on a stream may be coloured. Sources: <https://no-color.org>; `dumb` in terminfo(5).
 pub(crate) fn has_colours(stream: &impl IsTerminal) -> bool {
     let is_unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
     stream.is_terminal() && !is_unwanted && !is_dumb()
@@ -24,7 +24,7 @@ fn is_dumb() -> bool {
     std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb")
 }
 
-/// Returns standard output, to check whether it has a reader.
+/// Returns standard output, for a check whether it has a reader.
 pub(crate) fn results() -> io::Stdout {
     io::stdout()
 }
@@ -34,7 +34,7 @@ fn columns(stream: impl std::os::fd::AsFd) -> usize {
     if columns == 0 { SCREEN_DEFAULT.1 } else { columns }
 }
 
-/// Returns rows and columns of the terminal that results go to, if it can draw a line again.
+/// Returns the rows and columns of the terminal for results, if it can redraw a line.
 pub fn screen() -> Option<(usize, usize)> {
     if !io::stdout().is_terminal() || is_dumb() {
         return None;
@@ -43,7 +43,7 @@ pub fn screen() -> Option<(usize, usize)> {
     Some((if rows == 0 { SCREEN_DEFAULT.0 } else { rows }, columns(io::stdout())))
 }
 
-/// Both streams of a command, and whether the second shows a live line.
+/// Both streams of a command, and whether a live line is on the second one.
 pub struct Output {
     results: Box<dyn Write + Send>,
     notes: Box<dyn Write + Send>,
@@ -58,14 +58,14 @@ impl fmt::Debug for Output {
 }
 
 impl Output {
-    /// Returns the process's own streams.
+    /// Returns the streams of this process.
     pub fn standard() -> Self {
-        // Nothing else shows that a terminal cannot redraw a line.
+        // No other property shows that a terminal cannot redraw a line.
         let terminal = io::stderr().is_terminal() && !is_dumb();
         Self { results: Box::new(console::results()), notes: Box::new(io::stderr()), terminal, live: false }
     }
 
-    /// Returns how lines for a person are to be laid out now.
+    /// Returns the present style of lines for a person.
     pub fn style(&self) -> Style {
         if !self.terminal {
             return Style::Plain;
@@ -73,47 +73,47 @@ impl Output {
         Style::Terminal(columns(io::stderr()))
     }
 
-    /// Returns how wide a result may be; nothing unless it goes to a terminal.
+    /// Returns how wide a result may be; nothing if it does not go to a terminal.
     pub fn columns(&self) -> Option<usize> {
         io::stdout().is_terminal().then(|| columns(io::stdout()))
     }
 
-    /// Writes a result, with a line feed if it has none.
+    /// Writes a result. Adds a line feed if it ends without one.
     ///
     /// # Errors
-    /// When standard output has no reader any more: then there is no reason to go on.
+    /// Standard output has no reader any more. Then the command has no reason to continue.
     pub fn result(&mut self, text: &str) -> io::Result<()> {
         self.clear();
         console::write_result(&mut self.results, text)
     }
 
-    /// Writes bytes unchanged: the output of a program.
+    /// Writes the output of a program unchanged.
     ///
     /// # Errors
-    /// As [`Output::result`].
+    /// The same as for [`Output::result`].
     pub fn raw(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.clear();
         self.results.write_all(bytes)?;
         self.results.flush()
     }
 
-    /// Writes a line for a person: an error, a warning, a step that is over.
+    /// Writes a line for a person, such as an error, a warning or a completed step.
     pub fn note(&mut self, text: &str) {
         self.clear();
         self.write(&format!("{}\n", console::written_out(text).trim_end_matches('\n')));
     }
 
-    /// Writes a question, and leaves the cursor behind it.
+    /// Writes a question, and leaves the cursor after it.
     pub(crate) fn prompt(&mut self, question: &str) {
         self.clear();
         self.write(question);
     }
 
-    /// Writes a line of a [`crate::logic::mission::Progress`]; on a terminal a live line replaces the previous one.
+    /// Writes a line of a [`crate::logic::mission::Progress`]. On a terminal, a live line replaces the previous live line.
     pub fn line(&mut self, line: &Line) {
         match line {
             Line::Live(text) if self.terminal => {
-                // Erasing to the right after the text, not before it, keeps the line from flickering.
+                // The line flickers less if the rest is erased after the text is written, and not before.
                 self.write(&format!("\r{text}\x1b[K"));
                 self.live = true;
             }
@@ -121,7 +121,7 @@ impl Output {
         }
     }
 
-    /// Takes the live line away.
+    /// Removes the live line.
     pub fn clear(&mut self) {
         if self.live {
             self.write("\r\x1b[K");
@@ -130,7 +130,7 @@ impl Output {
     }
 
     fn write(&mut self, text: &str) {
-        // The loss of standard error cannot be reported anywhere.
+        // If standard error is lost, this cannot be reported anywhere.
         let written = self.notes.write_all(text.as_bytes()).and_then(|()| self.notes.flush());
         drop(written);
     }
@@ -159,7 +159,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// Returns an output and its two streams: results, notes.
+    /// Returns an output with its two streams: for results and for notes.
     pub(crate) fn output(terminal: bool) -> (Output, Stream, Stream) {
         let (results, notes) = (Stream::default(), Stream::default());
         let output =

@@ -1,4 +1,4 @@
-//! The output of a mission's programs, from every host, as lines for the record.
+//! Splits the output of a mission's programs, which all hosts send, into lines for the record.
 
 use crate::client::{Answers, Client, unasked, words};
 use crate::logic::record::Lines;
@@ -10,13 +10,13 @@ use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::JoinSet;
 
-/// How many pieces wait to be recorded; further senders wait.
+/// The most pieces of output that wait. When there are as many, senders wait.
 const PIECES_MAX: usize = 256;
 
-/// The output of a program: its path, and bytes or lines.
+/// Output of one program: the path of the program, and bytes or lines.
 type OutputOf<T> = (String, T);
 
-/// The streams of programs' output, one of each host.
+/// The streams of output, one from each host.
 #[derive(Debug)]
 pub(crate) struct Outputs {
     asked: BTreeSet<String>,
@@ -35,7 +35,7 @@ impl Default for Outputs {
 }
 
 impl Outputs {
-    /// Begins to hear the programs of a deployment on a host, unless they are heard already.
+    /// Begins to receive the output of a deployment's programs on a host, unless this has begun already.
     pub(crate) fn hear(&mut self, client: &Client, host: &str, deployment: &Deployment) {
         if !self.asked.insert(host.to_owned()) {
             return;
@@ -46,7 +46,7 @@ impl Outputs {
         }
     }
 
-    /// Returns the next whole lines of a program; never anything when there are none.
+    /// Returns the next whole lines of a program. Waits for ever if no stream has any.
     ///
     /// # Cancellation
     /// Safe.
@@ -59,7 +59,7 @@ impl Outputs {
         }
     }
 
-    /// Takes the remaining output, for as long as some arrives: at most `pause_max` after the last piece.
+    /// Takes the remaining output until it ends, or until nothing has arrived for `pause_max`.
     pub(crate) async fn rest(mut self, pause_max: Duration, mut take: impl FnMut(String, String)) {
         drop(self.sink);
         loop {
@@ -92,7 +92,7 @@ async fn hear(host: String, mut answers: Answers, sink: Sender<OutputOf<Vec<u8>>
                 }
                 continue;
             }
-            // A host that never took part has no output.
+            // If a host never took part, it has no output.
             Ok(Answer::Refused(_)) => return,
             Ok(other) => unasked(&host, &other),
             Err(why) => why,

@@ -1,4 +1,4 @@
-//! `dca param`: parameters of running programs, which are keys of the database of their robot.
+//! `dca param`: lists and changes the parameters of running programs. A change is a key in the database of the program's robot.
 
 pub(crate) mod live;
 mod ros;
@@ -96,11 +96,11 @@ struct Unset {
     commit: CommitArgs,
 }
 
-/// A program, its robot, and the parameters in that robot's database.
+/// A program, its robot, and the values for its parameters in the database of this robot.
 struct Program {
     host: String,
     told: InstanceParameters,
-    /// By parameter: the keys that set it, the one with precedence last, with their values.
+    /// For each parameter, the keys that set it, with their values. The key with precedence is the last one.
     set: BTreeMap<String, Vec<(String, Datum)>>,
 }
 
@@ -108,15 +108,15 @@ struct Program {
 struct Reached {
     programs: Vec<Program>,
     answered: BTreeSet<String>,
-    /// The nodes that were asked and have not answered, and why.
+    /// The nodes that have not answered, and why.
     silent: BTreeMap<String, String>,
 }
 
-/// The programs of the nodes that answer, and the hosts that do not.
+/// The programs of the nodes that answer, and the hosts that do not answer.
 struct Found {
     programs: Vec<Program>,
     away: Absences,
-    /// The programs that are active: deployment and path.
+    /// The active programs, by deployment and path.
     active: BTreeSet<(Deployment, String)>,
 }
 
@@ -139,7 +139,7 @@ impl List {
             return Err(found.lacks(name));
         }
         found.away.warnings().iter().for_each(|warning| console::note(warning));
-        // A node of ROS 2 is asked if it is meant alone: each may keep the list waiting.
+        // A node of ROS 2 is asked only if the user has named it alone: each node may delay the list.
         if let (Some(_), [program]) = (&self.instance, programs.as_slice())
             && program.told.ros_node.is_some()
         {
@@ -174,7 +174,7 @@ impl List {
         Ok(())
     }
 
-    /// Lists the parameters that a node of ROS 2 has.
+    /// Lists the parameters of a ROS 2 node.
     fn of_node(&self, program: &Program) -> Result<(), Failure> {
         let found = ros::list(self.database.connect(), program)?;
         if self.database.json {
@@ -249,7 +249,7 @@ impl Unset {
         let found = programs(&self.commit.database)?;
         let program = match found.one(&self.instance) {
             Ok(program) => program,
-            // A change outlives the program, and so does the way to undo it.
+            // A change stays when its program has ended. So it can be undone then as well.
             Err(none) => return self.delete(&stored(&self.commit.database, &self.instance, &self.parameter)?, none),
         };
         let parameter = program.parameter(&self.parameter)?;
@@ -260,7 +260,7 @@ impl Unset {
         self.delete(std::slice::from_ref(key), anyhow!("nothing is to be deleted").into())
     }
 
-    /// Deletes the one matching key; `none` is the failure if there is none.
+    /// Deletes the matching key, if there is only one. If no key matches, returns the failure `none`.
     fn delete(&self, keys: &[String], none: Failure) -> Result<(), Failure> {
         match keys {
             [key] => {
@@ -277,7 +277,7 @@ impl Unset {
 }
 
 impl Program {
-    /// Its deployment and its path, as other verbs print them.
+    /// Returns the deployment and the path, in the form that other verbs print.
     fn name(&self) -> String {
         format!("{}:{}", self.told.deployment.name, self.told.path)
     }
@@ -299,20 +299,21 @@ impl Program {
         Ok(&found.parameter)
     }
 
-    /// The key under which a change is written: the effective key, else one with the whole path.
+    /// Returns the key for a change of a parameter: the key with precedence, or else a key with the whole path.
     fn key(&self, parameter: &str) -> String {
         let set = self.set.get(parameter).and_then(|set| set.last());
         let own = || key_of_parameter(&self.host, &self.told.deployment.name, &self.told.path, parameter);
         set.map_or_else(own, |(key, _)| key.clone())
     }
 
-    /// Returns the present value of a parameter: the database's, if the program takes it, else the spec's.
+    /// Returns the present value of a parameter. This is the value in the database, if the program accepts it, else the
+    /// value in the spec.
     fn value(&self, parameter: &str) -> Option<Datum> {
         let status = self.told.parameters.iter().flatten().find(|status| status.parameter.name == parameter)?;
         let set = self.set.get(parameter).and_then(|set| set.last()).map(|(_, datum)| datum);
         let accepts = &status.parameter.accepts;
         let set = set.and_then(|datum| match accepts.read(&spelt(datum)) {
-            // A quantity may be stored with its unit.
+            // The database may contain a quantity with its unit.
             Ok(number) if accepts.unit().is_some() => number.parse().ok().map(Datum::float),
             read => read.ok().map(|_| datum.clone()),
         });
@@ -358,7 +359,7 @@ impl Program {
 }
 
 impl Found {
-    /// Says from when on a value counts that a program was just given.
+    /// Says when a program begins to use a value that it was just given.
     fn counts_from(&self, program: &Program) -> String {
         let (name, module) = (program.name(), &program.told.module);
         if self.active.contains(&(program.told.deployment.clone(), program.told.path.clone())) {
@@ -370,7 +371,7 @@ impl Found {
         }
     }
 
-    /// Returns the one program that is meant.
+    /// Returns the only matching program.
     fn one(&self, name: &ProcessName) -> Result<&Program, Failure> {
         let mut found = self.programs.iter().filter(|program| program.is_called(name));
         match (found.next(), found.next()) {
@@ -383,7 +384,7 @@ impl Found {
         }
     }
 
-    /// Says that no program is called so: a host that does not answer may have it, or there is none.
+    /// Says that no program has this name. If hosts do not answer, says that they may have it.
     fn lacks(&self, name: &ProcessName) -> Failure {
         let known = || self.programs.iter().map(|program| (&program.told.deployment, program.told.path.as_str()));
         self.away.may_have(&format!("program `{name}`")).unwrap_or_else(|| {
@@ -397,7 +398,7 @@ impl Found {
     }
 }
 
-/// Finds the keys that set a parameter of a program that does not run: of any robot that can be reached.
+/// Finds the keys for a parameter of a program that does not run, in the databases of all robots that can be reached.
 fn stored(database: &DatabaseArgs, instance: &ProcessName, parameter: &str) -> Result<Vec<String>, Failure> {
     database.with(async |databases| {
         let mut found = Vec::new();
@@ -409,7 +410,8 @@ fn stored(database: &DatabaseArgs, instance: &ProcessName, parameter: &str) -> R
     })
 }
 
-/// Whether a key sets a parameter of a program with this name: its path, with its deployment or without, or the end of it.
+/// Returns whether a key sets a parameter of a program with this name. The name may be the path with or without its
+/// deployment, or the end of the path.
 fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
     let Some((_, deployment, instance, of)) = parameter_key(key) else { return false };
     if name.deployment().is_some_and(|named| !named.is_called(deployment)) {
@@ -420,15 +422,15 @@ fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
     let name = name.strip_prefix("main/").unwrap_or(name);
     let is_end =
         |short: &str, long: &str| long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
-    // The key may name less of the path than the person, or more.
+    // The key may contain less of the path than the user has written, or more.
     let path = name.strip_prefix(deployment).and_then(|rest| rest.strip_prefix('/'));
     of == parameter && (is_end(name, &whole) || path.is_some_and(|path| is_end(instance, path)))
 }
 
-/// Asks every node that can be reached for its programs, and its database for the values that replace their arguments.
+/// Asks every node that can be reached for its programs. Asks its database for the values that replace their arguments.
 fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     database.with(async |databases| {
-        // The warnings name the hosts that do not answer.
+        // The warnings of the statuses name the hosts that do not answer.
         let Reached { programs, .. } = programs_of(databases).await?;
         let (nodes, away) = databases.statuses().await?;
         let active = leaves(&nodes).into_iter().filter(|leaf| leaf.process.state == "running");
@@ -441,7 +443,7 @@ fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
 async fn programs_of(databases: &Databases<'_>) -> Result<Reached, Failure> {
     let (mut programs, mut answered, mut silent) = (Vec::new(), BTreeSet::new(), BTreeMap::new());
     for host in databases.robots().await? {
-        // The other robots are still listed if one does not answer.
+        // If one robot does not answer, the other robots are listed nevertheless.
         let told = match databases.parameters(&host).await {
             Ok(told) => told,
             Err(failure @ Failure::Unreachable(_)) => {
@@ -462,7 +464,7 @@ async fn programs_of(databases: &Databases<'_>) -> Result<Reached, Failure> {
     Ok(Reached { programs, answered, silent })
 }
 
-/// The keys that set the parameters of a program, by parameter; the one that names most of its path last.
+/// Returns the keys that set the parameters of a program, by parameter. The key with the longest part of the path comes last.
 fn set(keys: &[(String, Datum)], told: &InstanceParameters) -> BTreeMap<String, Vec<(String, Datum)>> {
     let mut set: BTreeMap<String, Vec<(String, Datum)>> = BTreeMap::new();
     for (key, datum) in keys {
@@ -475,7 +477,7 @@ fn set(keys: &[(String, Datum)], told: &InstanceParameters) -> BTreeMap<String, 
     set
 }
 
-/// A typed value in the type of the parameter.
+/// Converts a value that the user has typed to the type of the parameter.
 fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
     let is_text = match accepts {
         Accepts::Number | Accepts::Between { .. } | Accepts::Quantity { .. } => {

@@ -1,8 +1,8 @@
-//! The project file `dca.toml`, and the environment: values of options that many commands have in common.
+//! The project file `dca.toml` and the environment: both contain values for options that many commands share.
 //!
-//! An option on the command line counts first, then the environment, then the project file, then what the option has by itself. The
-//! file stands beside the spec that the command names, else in the folder where the command was started. Its values become the
-//! defaults of options, so no verb knows of it.
+//! The first of these that has a value counts: the command line, the environment, the project file, the default of the
+//! option. The project file is in the folder of the spec that the command names, or else in the folder where the
+//! command was started. Its values become defaults of options, so the verbs do not know about the project file.
 
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow};
@@ -37,12 +37,12 @@ struct Project {
     set: BTreeMap<String, toml::Value>,
 }
 
-/// The values of options, by the ids of their arguments.
+/// The values of options, by the id of the option.
 type Defaults = BTreeMap<&'static str, Vec<OsString>>;
 
-/// Returns a command line whose options have the defaults of the environment and of the project file.
+/// Returns a command line whose options have the defaults from the environment and the project file.
 pub(crate) fn with_defaults(command: Command) -> Result<Command, Failure> {
-    // The later reading reports what is wrong with the arguments.
+    // If the arguments are wrong, the second reading reports this.
     let Ok(matches) = command.clone().try_get_matches() else { return Ok(command) };
     let folder = spec(&matches).and_then(Path::parent).unwrap_or(Path::new(""));
     let mut defaults =
@@ -71,7 +71,7 @@ fn read(file: &Path) -> Result<Option<Project>, Failure> {
     Ok(Some(project))
 }
 
-/// Returns what the environment says.
+/// Returns the values that the environment has.
 fn environment(variable: impl Fn(&str) -> Option<OsString>) -> Defaults {
     let mut defaults = Defaults::new();
     for (name, id) in [("DCA_RUN_DIR", "run_dir"), ("DCA_PASSPHRASE_FILE", "key_passphrase")] {
@@ -85,7 +85,7 @@ fn environment(variable: impl Fn(&str) -> Option<OsString>) -> Defaults {
 }
 
 impl Project {
-    /// Returns its values; a path is below the folder of the file.
+    /// Returns the values of the project file. A relative path is relative to the folder of the file.
     fn defaults(self, folder: &Path) -> anyhow::Result<Defaults> {
         let path = |path: PathBuf| folder.join(path).into_os_string();
         let set =
@@ -103,7 +103,7 @@ impl Project {
     }
 }
 
-/// Returns a value as `--set` takes it.
+/// Returns a value in the form that `--set` accepts.
 fn text(name: &str, value: toml::Value) -> anyhow::Result<String> {
     match value {
         toml::Value::String(text) => Ok(text),
@@ -116,9 +116,9 @@ fn text(name: &str, value: toml::Value) -> anyhow::Result<String> {
     }
 }
 
-/// Gives the options of all verbs their defaults.
+/// Sets the defaults of the options of all verbs.
 fn set(command: Command, defaults: &Defaults) -> Command {
-    // `dca audit` finds the state of a node by its run folder, so the folder of another node would mislead it.
+    // `dca audit` uses a run folder to find the state of a node. A run folder from the project file may belong to another node.
     if command.get_name() == "audit" {
         return command;
     }
@@ -130,7 +130,7 @@ fn set(command: Command, defaults: &Defaults) -> Command {
     command.mut_subcommands(|verb| set(verb, defaults))
 }
 
-/// Keeps a text for as long as the process: `clap` takes no other defaults.
+/// Keeps a text until the process ends, as `clap` requires for defaults.
 fn kept(text: &OsStr) -> &'static OsStr {
     Box::leak(text.to_owned().into_boxed_os_str())
 }

@@ -1,4 +1,4 @@
-//! `dca queue`: the queues of running programs, from any host.
+//! `dca queue`: shows the queues of running programs, from any host.
 
 use crate::shown::{self, Arguments, Wanted};
 use comms::logic::messaging::wire::QueueStatus;

@@ -1,4 +1,4 @@
-//! The reader of an endless command's output.
+//! The reader of a command's endless output.
 
 use crate::output;
 use node::console;
@@ -10,24 +10,24 @@ use std::task::Poll;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 
-/// A person who may end the command, by a signal.
+/// The signals with which a person ends the command.
 #[derive(Debug)]
 pub(crate) struct Leave(Vec<Signal>);
 
 impl Leave {
-    /// Takes over Ctrl-C and SIGTERM from now on.
+    /// Handles Ctrl-C and SIGTERM from now on.
     ///
     /// # Errors
-    /// The system gives no signals.
+    /// The system does not allow it to handle signals.
     pub(crate) fn new() -> io::Result<Self> {
         Self::by(&[SignalKind::interrupt(), SignalKind::terminate()])
     }
 
-    /// Takes over all signals by which a terminal or a user ends a program. A program that draws gives the terminal back before it
-    /// ends. Other commands do not take over SIGHUP, because `nohup` ignores it.
+    /// Handles all signals with which a terminal or a user ends a program. A program that draws has to restore the
+    /// terminal before it ends. Other commands do not handle SIGHUP, because `nohup` ignores it.
     ///
     /// # Errors
-    /// The system gives no signals.
+    /// The system does not allow it to handle signals.
     pub(crate) fn of_terminal() -> io::Result<Self> {
         Self::by(&[SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup(), SignalKind::quit()])
     }
@@ -49,11 +49,11 @@ impl Leave {
     }
 }
 
-/// A person at a terminal, or a program at the other end of a pipe.
+/// A person at a terminal, or a program that reads from a pipe.
 #[derive(Debug)]
 pub(crate) struct Reader {
     leave: Leave,
-    /// Gets a message once standard output has no reader any more.
+    /// Receives a message when standard output has no reader any more.
     hung_up: oneshot::Receiver<()>,
 }
 
@@ -61,16 +61,16 @@ impl Reader {
     /// Watches the reader from now on.
     ///
     /// # Errors
-    /// The system gives no signals, or no thread.
+    /// The system does not allow it to handle signals, or to start a thread.
     pub(crate) fn new() -> io::Result<Self> {
         let leave = Leave::new()?;
         let (hung_up_tx, hung_up) = oneshot::channel();
-        // The thread ends with the process, or with the reader.
+        // The thread ends with the process, or when the reader has gone.
         std::thread::Builder::new().name("dca-reader".to_owned()).spawn(|| wait_for_hang_up(hung_up_tx))?;
         Ok(Self { leave, hung_up })
     }
 
-    /// Waits until the reader has ended the command, by Ctrl-C or SIGTERM, reads it no more, or cannot be told anything.
+    /// Waits until the reader has gone: it has ended the command by Ctrl-C or SIGTERM, has closed the pipe, or a write has failed.
     ///
     /// # Cancellation
     /// Safe.
@@ -83,15 +83,15 @@ impl Reader {
     }
 }
 
-/// Blocks until the other end of standard output is closed. A file has no other end.
+/// Blocks until the other end of standard output is closed. If standard output is a file, it has no other end.
 fn wait_for_hang_up(hung_up: oneshot::Sender<()>) {
     loop {
-        // Errors and the end are reported for any requested events. Source: poll(2).
+        // The system reports errors and the end even if no event is requested. Source: poll(2).
         match poll(&mut [PollFd::new(&output::results(), PollFlags::empty())], None) {
             Ok(0) | Err(Errno::INTR) => {}
-            // The waiting task may have ended.
+            // The task that waits for this may have ended.
             Ok(_) => return hung_up.send(()).unwrap_or_default(),
-            // It cannot look; the next word that is written fails.
+            // The end cannot be watched. The next write then fails.
             Err(_) => std::thread::park(),
         }
     }

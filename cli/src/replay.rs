@@ -1,4 +1,4 @@
-//! `dca replay`: runs a spec on this machine with a record in the place of some of its processes, or shows the record in Foxglove.
+//! `dca replay`: runs a spec on this machine, where a record replaces some of its processes. Or it shows the record in Foxglove.
 
 use crate::follow::{self, Spec};
 use crate::io::{named_file, recorder};
@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// The program that plays steps.
 const PLAYER: &str = "dca-controller";
-/// The folder of the steps, below the nodes of this command.
+/// The folder for the steps, in the folder of this command's nodes.
 const STEPS: &str = "replay";
 
 /// The arguments of `dca replay`.
@@ -114,7 +114,7 @@ fn show(arguments: &Arguments, record: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Returns how many values of each output the record has.
+/// Returns the number of values that the record has for each output.
 fn counts(recorded: &Run) -> BTreeMap<String, u64> {
     let mut counts = BTreeMap::new();
     for value in &recorded.values {
@@ -123,13 +123,13 @@ fn counts(recorded: &Run) -> BTreeMap<String, u64> {
     counts
 }
 
-/// Returns the time of the last thing in the record, since GO.
+/// Returns the time of the last entry of the record, since GO.
 fn end(recorded: &Run) -> Duration {
     let last = recorded.values.iter().map(|value| value.at).max().unwrap_or_default();
     last.max(recorded.mission().now())
 }
 
-/// Writes the steps of each stand-in, and puts it into the plan.
+/// Writes the steps of each stand-in, and puts the stand-in into the plan.
 fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path, rate: f64) -> anyhow::Result<()> {
     let program = programs::beside(PLAYER);
     if !program.is_file() {
@@ -162,7 +162,7 @@ fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path
     Ok(())
 }
 
-/// Tells which outputs of the record are not played.
+/// Says which outputs of the record are not played.
 fn tell_unused(spec: &Spec, counts: &BTreeMap<String, u64>, stand_ins: &[StandIn]) {
     let outputs = stand_ins.iter().filter_map(|one| {
         let path = &spec.plan.leaves.get(one.leaf as usize)?.path;

@@ -6,7 +6,7 @@ use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
 use std::path::{Path, PathBuf};
 
-/// Name of a report, beside its record.
+/// The name of a report, in the folder of its record.
 pub const FILE: &str = "report.html";
 
 /// The arguments of `dca report`.
@@ -26,14 +26,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     named_file::not_over(&file, [record.as_path()])?;
     let damage = write(&record, &file)?;
     console::say(&file.display().to_string());
-    // The page shows the undamaged part.
+    // The page shows only the undamaged part.
     damage.map_or(Ok(()), |_told| Err(anyhow!("the page in `{}` is not of the whole run", file.display()).into()))
 }
 
-/// Reads a record and writes its page. Returns the missing part of the record, which has been reported to the user.
+/// Writes the page of a record. If a part of the record is missing, returns which; the user has been told.
 ///
 /// # Errors
-/// When the record cannot be read, or the page cannot be written.
+/// The record cannot be read, or the page cannot be written.
 pub fn write(record: &Path, file: &Path) -> anyhow::Result<Option<String>> {
     let run = recorder::read(record)?;
     let lacks = run.lacks();

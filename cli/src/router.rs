@@ -1,4 +1,4 @@
-//! `dca router`: the routers of running programs and their subscribers, from any host.
+//! `dca router`: shows the routers of running programs and their subscribers, from any host.
 
 use crate::shown::{self, Arguments, Wanted};
 use comms::logic::messaging::wire::RouterStatus;

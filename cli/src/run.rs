@@ -1,5 +1,5 @@
-//! `dca run`: a spec on this machine alone. A node for each of its hosts is started inside this command; when the command
-//! ends, however it ends, nothing of it stays.
+//! `dca run`: runs a spec on this machine alone. A node for each of its hosts runs inside this command. When the
+//! command ends, for whatever reason, nothing of the nodes remains.
 
 use crate::client::Client;
 use crate::follow::Spec;
@@ -21,9 +21,9 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
-/// How long the nodes have to leave.
+/// How long the nodes may take to end.
 const LEAVE_WITHIN: Duration = Duration::from_secs(30);
-/// How long the nodes have when a person does not wait. The shims end the programs that are left, once their node is gone.
+/// How long the nodes may take to end if the user does not wait. When a node is gone, the shims end its remaining programs.
 const LEAVE_AT_ONCE: Duration = Duration::from_millis(300);
 
 /// The arguments of `dca run`.
@@ -52,7 +52,7 @@ pub struct Arguments {
 pub(crate) struct Here<'a> {
     pub(crate) following: &'a follow::FollowArgs,
     pub(crate) controllers: &'a Controllers,
-    /// The folder of the databases of the nodes; none if these are gone when the command ends.
+    /// The folder for the databases of the nodes; nothing if they are deleted when the command ends.
     pub(crate) state: Option<&'a Path>,
 }
 
@@ -74,14 +74,14 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     carry_out(spec, &base, Here { following, controllers, state: state.as_deref() })
 }
 
-/// Returns the folder of the nodes of this command, below the folder that a person names.
+/// Returns the folder for the nodes of this command, in the folder that the user names.
 pub(crate) fn base(run_dir: Option<&Path>) -> anyhow::Result<PathBuf> {
     let base = run_dir.map_or_else(run_dir::default_base, Path::to_path_buf);
     let base = std::path::absolute(&base).with_context(|| format!("finding the folder `{}`", base.display()))?;
     Ok(run_dir::of_this_command(&base))
 }
 
-/// Starts a node for each host of a spec, with its folder below `base`, and runs the spec to its end.
+/// Starts a node for each host of a spec, with a folder in `base`, and runs the spec to its end.
 pub(crate) fn carry_out(spec: Spec, base: &Path, here: Here<'_>) -> Result<(), Failure> {
     block_on(async {
         let mut nodes = Nodes::start(&spec.plan.hosts, base, here).await?;
@@ -117,7 +117,7 @@ impl Nodes {
             let mut is_ready = ready.subscribe();
             nodes.running.spawn(driver::run(config, nodes.leave.subscribe(), ready));
             tokio::select! {
-                // A node that ends at once is never ready; the reason of its end is more helpful.
+                // A node that ends at once never becomes ready. The reason of its end is the better message.
                 Ok(_) = is_ready.wait_for(|ready| *ready) => {}
                 why = ended(&mut nodes.running) => {
                     nodes.leave(LEAVE_WITHIN).await;
@@ -141,7 +141,7 @@ impl Nodes {
         result
     }
 
-    /// Stops the nodes, then removes their folder. Another Ctrl-C cuts the time short.
+    /// Stops the nodes, and then removes their folder. Another Ctrl-C shortens the wait.
     async fn leave(&mut self, within: Duration) {
         self.leave.send_replace(true);
         let mut deadline = clock::now() + within;

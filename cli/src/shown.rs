@@ -1,6 +1,6 @@
-//! Finds states of one type in running programs, and reads them: for `dca queue`, `dca router` and `dca lock`.
+//! Finds the states of one type in running programs, and reads them. For `dca queue`, `dca router` and `dca lock`.
 //!
-//! The nodes give the places of the programs; each program is asked itself.
+//! The nodes give the places of the programs. Each program itself is asked for its states.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, words};
 use crate::complete;
@@ -24,7 +24,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinSet;
 
-/// How often states are looked at.
+/// How often states are read.
 const WATCH_EVERY: Duration = Duration::from_millis(100);
 
 /// The arguments of `dca queue`, `dca router` and `dca lock`.
@@ -46,7 +46,7 @@ pub struct Arguments {
     connect: ConnectArgs,
 }
 
-/// The searched entries.
+/// The states to look for.
 pub(crate) struct Wanted {
     /// The type of the states.
     pub(crate) type_name: &'static str,
@@ -54,10 +54,10 @@ pub(crate) struct Wanted {
     pub(crate) word: &'static str,
 }
 
-/// A state that was found: its process, its name, and its value or why there is none.
+/// A state that was found: its process, its name, and its value or the reason why it cannot be read.
 type Read<T> = (String, String, Result<T, String>);
 
-/// A program with such states.
+/// A program with states of this type.
 #[derive(Clone, Debug)]
 struct Place {
     deployment: Deployment,
@@ -65,7 +65,7 @@ struct Place {
     states: Vec<Exported>,
 }
 
-/// The entries found, and the hosts that did not answer.
+/// The programs that were found, and the hosts that did not answer.
 #[derive(Default)]
 struct Found {
     places: Vec<Place>,
@@ -201,7 +201,7 @@ async fn find(
     Ok(found)
 }
 
-/// Returns the states of a program.
+/// Returns the states of a program that have this type.
 async fn states(taps: Arc<Taps>, deployment: Deployment, path: String, dial: Dial) -> (Place, Result<(), Failure>) {
     let (states, read) = match exports_of(&taps, &deployment, &path, dial).await {
         Ok(exports) => {

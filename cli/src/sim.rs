@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use verify::{PlayResult, Script};
 
-/// The number of random events, unless the command line sets another.
+/// The number of random events, unless the user sets another.
 const STEPS: u64 = 1000;
 
 /// The arguments of `dca sim`.
@@ -45,7 +45,7 @@ pub struct Arguments {
     values: Values,
 }
 
-/// Runs the verb; fails unless `main` ended normally.
+/// Runs the verb. Fails unless `main` ends normally.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(chart) = &arguments.chart {
         named_file::not_over(chart, [arguments.file.as_path()].into_iter().chain(arguments.script.as_deref()))?;
@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Plays a story; fails unless it has the same result.
+/// Plays a story. Fails unless the result is the same as in the story.
 fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
     let text = named_file::text(file, named_file::TEXT_MAX);
     let text = text.with_context(|| format!("reading the story `{}`", file.display()))?;
@@ -102,7 +102,7 @@ fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
     }
 }
 
-/// The script of the first story in a report of `dca verify --json`.
+/// Returns the script of the first story in a report of `dca verify --json`.
 fn first_of(text: &str) -> Result<Option<Script>, String> {
     let report: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
     let findings = report["findings"].as_array().ok_or("it has no `findings`")?;
@@ -177,7 +177,7 @@ fn from_keyboard(simulation: &mut Simulation<'_>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints the past events, and the running processes.
+/// Prints the events so far, and the running processes.
 fn show(simulation: &mut Simulation<'_>) {
     let happenings = simulation.take_happenings();
     if happenings.is_empty() {

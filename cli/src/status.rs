@@ -1,7 +1,7 @@
 //! `dca status`: lists the processes of all hosts.
 //!
-//! It reports only answers: hosts that do not answer are named, and so are deployments that such a host may still run.
-//! A status is still an answer, so the exit code is 0.
+//! The command shows only what nodes have answered. It names hosts that do not answer, and deployments that such hosts
+//! may still run. A status is a valid answer in any case, so the exit code is 0.
 
 mod watch;
 
@@ -41,7 +41,7 @@ pub struct Arguments {
 struct Node {
     #[serde(flatten)]
     status: NodeStatus,
-    /// The hosts that do not answer it.
+    /// The hosts that do not answer this node.
     absent: Absent,
 }
 
@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that some node knows a deployment: one that runs, waits, or is over.
+/// Checks that some node knows a deployment. It may run, wait for its start, or be over.
 fn find(name: &DeploymentName, statuses: &[NodeStatus], away: &Absences, connect: &ConnectArgs) -> Result<(), Failure> {
     let parts = statuses.iter().flat_map(|status| &status.deployments).map(|part| &part.deployment);
     let open = away.ends.iter().map(|end| &end.deployment);
@@ -92,7 +92,7 @@ fn find(name: &DeploymentName, statuses: &[NodeStatus], away: &Absences, connect
     Err(Failure::Usage(anyhow!("no node knows a {what}; {hint}")))
 }
 
-/// Leaves out other deployments, if one is named.
+/// If a deployment is named, removes all other deployments.
 fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&DeploymentName>) {
     let Some(name) = name else { return };
     for status in statuses {
@@ -107,7 +107,7 @@ fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&Deployme
     }
 }
 
-/// Also asks the nodes that give their status which others they miss.
+/// Also asks the nodes that have given their status which hosts they miss.
 async fn asked(found: Result<Vec<(&Client, Statuses)>, Failure>) -> Result<(Vec<NodeStatus>, Absences), Failure> {
     let found = found?;
     let away = absent::ask(&found).await;
@@ -169,7 +169,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&DeploymentName>)
     blocks.join("\n\n")
 }
 
-/// Returns the peers that a node accepts over the network, and the policy for its programs.
+/// Describes from which peers a node accepts links over the network, and the policy for its programs.
 fn guard(status: &NodeStatus) -> String {
     let policy = status.policy.as_ref().map(ToString::to_string);
     let words = [status.network.to_string(), policy.unwrap_or_default()];

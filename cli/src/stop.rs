@@ -1,8 +1,8 @@
 //! `dca stop`: ends a deployment on every host.
 //!
-//! The result rests on the deployment's last report, which names the hosts that could not confirm that nothing is left.
-//! An unconfirmed end stays on the list of the deployment's home, so a second stop reports it as well. A link that is
-//! lost in the meantime is not an answer: the node is asked again.
+//! The result is taken from the deployment's last report. It names the hosts that could not confirm that nothing of the
+//! deployment is left. Its home keeps such an end in a list, so a second stop reports it as well. If the link is lost
+//! in the meantime, the node is asked again.
 
 mod away;
 
@@ -20,11 +20,11 @@ use node::logic::protocol::{Answer, Change, Deployment, Ending, FailureCause, Re
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long the node may be out of reach before this is printed.
+/// If the node is out of reach for longer than this, a note is printed.
 const TOLD_AFTER: Duration = Duration::from_secs(2);
-/// How long the deployment's node may be out of reach. A node that starts or ends hundreds of programs answers late.
+/// How long the deployment's home may be out of reach. A node that starts or ends hundreds of programs answers late.
 const SILENT_MAX: Duration = Duration::from_secs(30);
-/// How long hosts that answer have to confirm that nothing is left of the earlier run.
+/// How long hosts that answer may take to confirm that nothing is left of the earlier run.
 const CONFIRMED_WITHIN: Duration = Duration::from_secs(5);
 /// How often the node is asked again.
 const ASK_EVERY: Duration = Duration::from_millis(200);
@@ -48,24 +48,24 @@ pub struct Arguments {
     connect: ConnectArgs,
 }
 
-/// How a stop went.
+/// The result of a stop.
 pub(crate) struct Ended {
-    /// The deployment has ended, as far as its home and the hosts that answer know.
+    /// Whether the deployment has ended, as far as its home and the hosts that answer know.
     pub(crate) is_stopped: bool,
     /// The hosts that have not confirmed that nothing of it is left.
     pub(crate) unconfirmed: Vec<String>,
-    /// The work outside of its programs that may go on.
+    /// Work outside of the programs that may continue.
     pub(crate) may_go_on: Vec<String>,
-    /// Why this is not a success; nothing if it is one.
+    /// Why the stop was not successful; nothing if it was.
     pub(crate) failure: Option<Failure>,
 }
 
-/// The end of a deployment, as its home has reported it.
+/// The end of a deployment, according to its home.
 #[derive(Default)]
 struct Reported {
     /// The hosts that have not confirmed that nothing of it is left.
     hosts: Vec<String>,
-    /// The work outside of its programs that may go on.
+    /// Work outside of the programs that may continue.
     may_go_on: Vec<String>,
     /// Whether a stop could not be confirmed.
     is_unconfirmed: bool,
@@ -110,8 +110,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Ended {
-    /// Returns the outcome of a stop that the home has reported as done, but for hosts that could not confirm it, and for
-    /// what may go on outside of its programs.
+    /// Returns the result of a stop that the home has reported as done. It is a failure if hosts could not confirm the
+    /// end, or if work outside of the programs may continue.
     fn reported(name: &DeploymentName, Reported { hosts, may_go_on, is_unconfirmed }: Reported) -> Self {
         let have = if hosts.len() == 1 { "has" } else { "have" };
         let failure = if !hosts.is_empty() {
@@ -136,7 +136,7 @@ impl Ended {
     }
 }
 
-/// Takes every end of that name off the lists of all nodes.
+/// Removes every end with that name from the lists of all nodes.
 async fn forget(clients: &Clients, name: &DeploymentName) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
@@ -179,7 +179,7 @@ async fn forget(clients: &Clients, name: &DeploymentName) -> Result<(), Failure>
     Ok(())
 }
 
-/// Where a deployment is.
+/// The place of a deployment.
 pub(crate) struct Located<'a> {
     /// The connection to its nodes.
     pub(crate) client: &'a Client,
@@ -188,7 +188,7 @@ pub(crate) struct Located<'a> {
     pub(crate) home: String,
 }
 
-/// Finds the deployment of that name in the reports of all nodes.
+/// Finds the deployment with that name in the reports of all nodes.
 pub(crate) async fn locate<'a>(
     all: Vec<(&'a Client, Statuses)>,
     name: &DeploymentName,
@@ -219,7 +219,7 @@ pub(crate) async fn locate<'a>(
     }
 }
 
-/// Stops a deployment, or ends its waiting.
+/// Stops a deployment that runs or that waits for its start.
 pub(crate) async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Ended, Failure> {
     let all = clients.statuses().await?;
     match absent::waiting(name, &all) {
@@ -249,13 +249,13 @@ pub(crate) async fn stop(clients: &Clients, name: &DeploymentName) -> Result<End
     }
 }
 
-/// Returns whether no node that answers runs a deployment of that name.
+/// Returns whether no answering node runs a deployment of that name.
 fn is_over(name: &DeploymentName, all: &[(&Client, Statuses)]) -> bool {
     let mut parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
     !parts.any(|part| name.is(&part.deployment))
 }
 
-/// Has a home give up a deployment that waits. A deployment that has begun in the meantime is stopped.
+/// Makes a home give up a deployment that waits for its start. If it has begun in the meantime, it is stopped.
 async fn stop_waiting(client: &Client, home: &str, name: &str) -> Result<(), Failure> {
     let mut answers = client.order_on(home, Request::Stop { name: name.to_owned() }, 0).await?;
     match answers.next().await {
@@ -267,7 +267,7 @@ async fn stop_waiting(client: &Client, home: &str, name: &str) -> Result<(), Fai
     }
 }
 
-/// Stops a deployment; returns its end.
+/// Stops a deployment, and returns its end.
 async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Result<Reported, Failure> {
     let name = &deployment.name;
     let (mut heard, mut is_told) = (clock::now(), false);
@@ -276,7 +276,7 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
             Err(Failure::Unreachable(why)) => why,
             over => return over,
         };
-        // Stopping goes by the name, which may be another deployment's by now.
+        // A stop is sent by name. By now, this may be the name of another deployment.
         while !runs(client, &deployment).await {
             if let Ok(end) = last_report(client.ask_on(&home, &watch(&deployment))?, &home).await {
                 return Ok(end);
@@ -298,8 +298,8 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
     }
 }
 
-/// Returns whether the deployment runs, as far as its home and the others report. A host that does not answer is
-/// mentioned once, by the caller.
+/// Returns whether the deployment runs, according to its home and the other hosts. Prints no warning about hosts that
+/// do not answer: the caller prints one.
 async fn runs(client: &Client, deployment: &Deployment) -> bool {
     let Ok(Statuses { nodes, silent, .. }) = client.statuses_noted(|_| {}).await else { return false };
     let mut parts = nodes.iter().flat_map(|node| &node.deployments);
@@ -308,14 +308,14 @@ async fn runs(client: &Client, deployment: &Deployment) -> bool {
 }
 
 async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Reported, Failure> {
-    // Watched first, so that the last report is not missed.
+    // The reports are requested before the stop, so that the last one is not missed.
     let reports = client.ask_on(home, &watch(deployment))?;
     let stop = Request::Stop { name: deployment.name.clone() };
     let mut stopping = client.order_on(home, stop, deployment.epoch).await?;
     let refused = async {
         match stopping.next().await {
             Some(Ok(Answer::Refused(why))) => Failure::Refused(anyhow!("host `{home}`: {why}")),
-            // The last report has the rest.
+            // The last report says how the stop went.
             _ => std::future::pending().await,
         }
     };
@@ -326,11 +326,11 @@ async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Resu
 }
 
 fn watch(deployment: &Deployment) -> Request {
-    // Only future reports, and the last one if it is already there.
+    // This requests only future reports, and also the last report if it exists already.
     Request::Watch { deployment: deployment.clone(), seen: u64::MAX }
 }
 
-/// Waits for the last report; returns the end that it tells.
+/// Waits for the last report, and returns the end that it reports.
 async fn last_report(mut reports: Answers, home: &str) -> Result<Reported, Failure> {
     let mut end = Reported::default();
     loop {
@@ -348,7 +348,7 @@ async fn last_report(mut reports: Answers, home: &str) -> Result<Reported, Failu
     }
 }
 
-/// Returns what may go on outside of a process that has ended, if the report is of such an end.
+/// If the report is the end of a process, returns the work outside of it that may continue.
 fn open_end(report: &Report) -> Option<String> {
     let Report::Process { path, change: Change::Ended(Ending::Aborted(failure)), .. } = report else { return None };
     let FailureCause::MayGoOn(what) = &failure.cause else { return None };

@@ -1,5 +1,5 @@
-//! Compares the parameters of a spec with the databases of its robots before it runs, and reports which values replace those of
-//! the spec.
+//! Compares the parameters of a spec with the databases of its robots before the spec runs. Reports which values
+//! replace those of the spec.
 
 use crate::client::{Client, words};
 use crate::db::databases::Databases;
@@ -12,11 +12,11 @@ use node::logic::parameters::{self, Verdict};
 use node::logic::protocol::{Deployment, InstanceParameters};
 use std::collections::BTreeMap;
 
-/// The parameters of each module, by the interfaces of programs; none where no program declares the module.
+/// The parameters of each module, according to the interfaces of programs; nothing if no program declares the module.
 type Declared = BTreeMap<String, Option<Vec<Parameter>>>;
 
-/// Refuses a spec if the database of a robot has parameters for its programs that they do not take: a key that was
-/// misspelt while nothing ran would have no effect, unnoticed.
+/// Refuses a spec if the database of a robot has parameters that the programs of the spec do not accept. A key may have
+/// been misspelt while no program ran. It would have no effect, and no user would notice.
 pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
     let declared = language::parameters(&spec.modules);
     let name = &spec.plan.name;
@@ -51,7 +51,7 @@ pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
     .into())
 }
 
-/// Returns the programs of a plan on a host, in the form that its node would report.
+/// Returns the programs of a plan on a host, in the form in which the host's node would report them.
 fn known(plan: &Plan, host: &str, declared: &Declared) -> Vec<InstanceParameters> {
     let here = |leaf: &&language::plan::Leaf| plan.hosts.get(leaf.host as usize).is_some_and(|name| name == host);
     let deployment = Deployment { name: plan.name.clone(), epoch: 0 };

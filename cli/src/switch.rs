@@ -1,4 +1,4 @@
-//! `dca switch`: other connection sets for a process that runs.
+//! `dca switch`: switches a running process to other connection sets.
 
 use crate::ConnectArgs;
 use crate::change::revision;
@@ -14,7 +14,7 @@ use node::logic::protocol::{Answer, Deployment, Request, SetsSwitched, SwitchReq
 use std::str::FromStr;
 use std::time::Duration;
 
-/// How long the home of the deployment has to answer; it waits for 8 s itself.
+/// How long the home of the deployment may take to answer. It waits for 8 s itself.
 const ANSWER_WITHIN: Duration = Duration::from_secs(12);
 
 /// The arguments of `dca switch`.
@@ -33,7 +33,7 @@ pub(crate) struct Arguments {
     connect: ConnectArgs,
 }
 
-/// A process and labels of its connection sets.
+/// A process, and labels of its connection sets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Labelled {
     process: ProcessName,
@@ -86,7 +86,7 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
     Err(Failure::Unreachable(why))
 }
 
-/// Returns the path of the one process that is meant, or else its end, of which the home says why it is none.
+/// Returns the path of the only matching process. Otherwise returns the text of the user, so that the home says why it fits no process.
 fn path(plan: Option<&Plan>, deployment: &Deployment, process: &ProcessName) -> Result<String, Failure> {
     if process.deployment().is_some_and(|named| !named.is(deployment)) {
         return Err(Failure::Usage(anyhow!("`{process}` is not a process of `{deployment}`")));
@@ -98,7 +98,7 @@ fn path(plan: Option<&Plan>, deployment: &Deployment, process: &ProcessName) -> 
     Ok(if let [one] = all[..] { one.clone() } else { end() })
 }
 
-/// Returns the switched wires, one line for each, and how long it took.
+/// Returns a line for each switched wire, and a line with the time that the switch took.
 fn text(plan: Option<&Plan>, switched: &SetsSwitched) -> String {
     let SetsSwitched { closed, opened, .. } = switched;
     if closed.is_empty() && opened.is_empty() {
@@ -114,7 +114,7 @@ fn text(plan: Option<&Plan>, switched: &SetsSwitched) -> String {
     lines.join("\n")
 }
 
-/// Returns the wires of sets that are named `path[label]`.
+/// Returns the wires of sets that have names of the form `path[label]`.
 fn wires(plan: Option<&Plan>, sets: &[String]) -> Vec<String> {
     let Some(plan) = plan else { return Vec::new() };
     let mut wires = Vec::new();

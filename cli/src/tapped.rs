@@ -1,7 +1,7 @@
-//! Follows outputs of programs that run, for `dca echo` and `dca hz`.
+//! Follows outputs of running programs, for `dca echo` and `dca hz`.
 //!
-//! The nodes say which programs are meant and where they are; then each value comes straight from its program. The home of the
-//! deployment says when a program was started again, and when all is over.
+//! The nodes say which programs match and where they are. Each value then comes directly from its program. The home of
+//! the deployment reports when a program was restarted, and when the deployment has ended.
 
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
 use crate::complete;
@@ -23,9 +23,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many outputs are followed at once.
+/// The most outputs that are followed at once.
 const OUTPUTS_MAX: usize = 256;
-/// How often [`TapEvent::Second`] comes.
+/// The period of [`TapEvent::Second`].
 const SECOND: Duration = Duration::from_secs(1);
 
 /// Which outputs are followed.
@@ -47,30 +47,30 @@ pub(crate) struct TapArgs {
 pub(crate) struct FollowedOutput {
     /// Path of the process and its output: `main/hit/force.Out`.
     pub(crate) name: String,
-    /// The type of its values, by the word of its program.
+    /// The type of its values, as its program names it.
     pub(crate) type_name: String,
-    /// Their fields, if the program lists them.
+    /// The fields of the values, if the program lists them.
     pub(crate) message: Option<Message>,
 }
 
 /// An event of the outputs.
 pub(crate) enum TapEvent {
-    /// The outputs are heard from now on.
+    /// From now on, values of the outputs arrive.
     Begun(Vec<FollowedOutput>),
-    /// A value, of the output with this place in the list.
+    /// A value of an output. The number is the position of the output in the list.
     Value(usize, Tapped),
     /// A second is over.
     Second,
 }
 
-/// How following has ended.
+/// How the command has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum End {
     /// The deployment is over.
     Finished,
-    /// As much was heard as was asked for.
+    /// The requested number of values has arrived, or the requested time is over.
     Enough,
-    /// A person has ended it, or reads it no more.
+    /// The user has ended the command, or no longer reads its output.
     Interrupted,
 }
 
@@ -85,15 +85,15 @@ impl End {
     }
 }
 
-/// A program that is meant.
+/// A matching program.
 pub(crate) struct Program {
     pub(crate) path: String,
     pub(crate) host: String,
-    /// Where it is dialled.
+    /// The address of its data session.
     pub(crate) dial: Dial,
 }
 
-/// Follows the requested outputs until `take` returns an end, Ctrl-C comes or the deployment is over.
+/// Follows the requested outputs until `take` returns an end, the user presses Ctrl-C, or the deployment is over.
 pub(crate) async fn follow(
     arguments: &TapArgs,
     mut take: impl FnMut(TapEvent) -> anyhow::Result<Option<End>>,
@@ -117,7 +117,7 @@ async fn follow_with(
     take: &mut impl FnMut(TapEvent) -> anyhow::Result<Option<End>>,
 ) -> Result<End, Failure> {
     let (client, deployment, home, mut programs) = find(clients, arguments).await?;
-    // Heard first, so that nothing of it is missed.
+    // The reports are requested first, so that no restart is missed.
     let watch = Request::Watch { deployment: deployment.clone(), seen: u64::MAX };
     let mut reports = Some(client.ask_on(&home, &watch)?);
     let (outputs, values) = hear(taps, arguments, &deployment, &programs).await?;
@@ -130,7 +130,7 @@ async fn follow_with(
                 second = second + SECOND;
                 if reports.is_none() {
                     reports = client.ask_on(&home, &watch).ok();
-                    // Programs that were restarted in the meantime were not reported.
+                    // While the home was out of reach, it did not report restarts of programs.
                     for program in &mut programs {
                         if found_again(client, taps, &deployment, program).await.is_err() {
                             break;
@@ -172,7 +172,7 @@ async fn follow_with(
     }
 }
 
-/// Returns the next report; never, if there are none.
+/// Returns the next report. Waits for ever if `reports` is empty.
 async fn next(reports: &mut Option<Answers>) -> Option<Result<Answer, Failure>> {
     match reports {
         Some(reports) => reports.next().await,
@@ -180,7 +180,7 @@ async fn next(reports: &mut Option<Answers>) -> Option<Result<Answer, Failure>> 
     }
 }
 
-/// Finds the programs that are meant, all of one deployment.
+/// Finds the matching programs. They have to belong to one deployment.
 async fn find<'a>(
     clients: &'a Clients,
     arguments: &TapArgs,
@@ -227,7 +227,7 @@ async fn find<'a>(
     Ok((client, deployment, home, programs))
 }
 
-/// Asks a host where the programs of a deployment are that have a data session.
+/// Asks a host for the places of a deployment's programs. Only programs with a data session have one.
 pub(crate) async fn locations(
     client: &Client,
     host: &str,
@@ -238,7 +238,7 @@ pub(crate) async fn locations(
     if let Answer::Locations(locations) = answer { Ok(locations) } else { Err(unasked(host, &answer)) }
 }
 
-/// Dials a program where it is now, if that is elsewhere.
+/// If a program was restarted elsewhere, dials it there.
 pub(crate) async fn found_again(
     client: &Client,
     taps: &Taps,
@@ -254,7 +254,7 @@ pub(crate) async fn found_again(
     Ok(())
 }
 
-/// Asks the programs for their outputs, and hears the matching ones.
+/// Asks the programs for their outputs, and begins to receive the matching ones.
 async fn hear(
     taps: &mut Taps,
     arguments: &TapArgs,

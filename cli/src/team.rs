@@ -1,4 +1,4 @@
-//! `dca team`: the team's key, its robots and its users, on the operator's machine.
+//! `dca team`: manages the team's key, its robots and its users, on the operator's machine.
 
 mod import;
 mod init;
@@ -23,7 +23,7 @@ use trust::renewal;
 use trust::team::{Credential, Judge, OFFLINE_GRACE, Standing, TrustError};
 use zeroize::Zeroizing;
 
-/// How long the node of this machine has to list the renewed certificates.
+/// How long the node of this machine may take to list the renewed certificates.
 const SOON: Duration = Duration::from_secs(2);
 
 /// The arguments of `dca team`.
@@ -59,7 +59,7 @@ enum Verb {
     Import(import::ImportArgs),
 }
 
-/// Where the keys are.
+/// The options for finding the keys.
 #[derive(Clone, Debug, Args)]
 struct KeysArgs {
     /// The folder with the keys [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
@@ -122,14 +122,15 @@ fn list(keys: &KeysArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns what nodes of the team have shown to the node of this machine, which may have been renewed; nothing if none runs.
+/// Returns the certificates that nodes of the team have shown to the node of this machine. They may have been renewed.
+/// Returns nothing if no node runs here.
 fn renewed(keys: &KeysArgs) -> Vec<Credential> {
     let asked = revoke::with_node(keys, async |client, host| client.ask(host, &Request::Credentials, SOON).await);
     let Ok(Some(Answer::Credentials(shown))) = asked else { return Vec::new() };
     shown.iter().filter_map(|bytes| Credential::from_bytes(bytes).ok()).collect()
 }
 
-/// Prints a team.
+/// Prints the content of a team.
 fn tell(bundle: &Bundle, renewed: &[Credential]) {
     if !console::is_json() {
         return console::say(&listed(bundle, renewed, now()));
@@ -151,13 +152,13 @@ fn tell(bundle: &Bundle, renewed: &[Credential]) {
     }));
 }
 
-/// Returns the certificate of a member that is valid for longest, if it was renewed.
+/// Returns the certificate of a member with the latest end, if the member has renewed it.
 fn newest<'a>(renewed: &'a [Credential], holder: &Holder<'_>, judge: &Judge<'_>) -> Option<&'a Credential> {
     let newest = renewed.iter().filter(|credential| credential.certificate() == holder.certificate);
     newest.max_by_key(|credential| renewal::end(credential, judge))
 }
 
-/// Returns a team for a person. A member that was `renewed` is valid for longer than the certificate shows.
+/// Describes a team for a person. Members in `renewed` are valid for longer than their certificates in the bundle show.
 fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     let team = bundle.team();
     let mut text = format!("team {}: {}\nid {}\n", team.name(), team.id().fingerprint(), team.id());
@@ -169,7 +170,7 @@ fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     if rows.len() == 1 { text + "the team has no certificates\n" } else { text + "\n" + &table::table(&rows) + "\n" }
 }
 
-/// Returns until when a member is valid, and what is wrong with it.
+/// Returns when the certificate of a member ends, and what is wrong with it.
 fn standing(holder: &Holder<'_>, renewed: Option<&Credential>, judge: &Judge<'_>) -> (UnixTime, &'static str) {
     let claims = holder.certificate.claims();
     let until = renewed.map_or(claims.not_after, |renewed| renewal::end(renewed, judge));

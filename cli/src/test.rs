@@ -1,4 +1,4 @@
-//! `dca test`: whether mistakes that `dca verify --test` has kept as files are in their specs again.
+//! `dca test`: checks whether the mistakes that `dca verify --test` has stored as files are in their specs again.
 
 use crate::io::{named_file, whole_file};
 use crate::logic::story_test::StoryTest;
@@ -12,9 +12,9 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use verify::{Finding, PlayResult, Story, Verdict, told};
 
-/// How such files end.
+/// The file name extension of tests.
 const EXTENSION: &str = "story";
-/// So many files of a folder are looked at.
+/// The most files in a folder that are looked at.
 const FILES_MAX: usize = 10_000;
 
 /// The arguments of `dca test`.
@@ -29,7 +29,7 @@ pub struct Arguments {
     controllers: Controllers,
 }
 
-/// How a test went.
+/// The result of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Passed,
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// The files, and those of folders, by name.
+/// Returns the given files, and the tests in the given folders, sorted by name.
 fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut files = Vec::new();
     for path in given {
@@ -126,7 +126,7 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
                     PlayResult::Other(_)
                     | PlayResult::Ends(ReplayError::Impossible { .. } | ReplayError::Unknown { .. }),
                 ) => "it comes to it in another way",
-                // A story about a lost host cannot be played, so its way is unknown.
+                // A story with a lost host cannot be played, so it is not known how the mistake comes about.
                 Some(PlayResult::Ends(ReplayError::Unsupported { .. })) | None => "it is there again",
             };
             let story = told(finding, &loaded.spec, &loaded.interfaces, check::style());
@@ -144,7 +144,7 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
     }
 }
 
-/// The spec, with the sentence of the test if it has it no more.
+/// Loads the spec. If it does not contain the sentence of the test any more, adds this sentence.
 fn load(test: &StoryTest, path: &Path, controllers: &Controllers) -> Result<Loaded, Failure> {
     let spec = check::read(path)?;
     let loaded = compiled(spec.clone(), path, controllers, Refusal::Text)?;
@@ -157,7 +157,7 @@ fn load(test: &StoryTest, path: &Path, controllers: &Controllers) -> Result<Load
     }
 }
 
-/// Writes a test for each finding that does not hold; prints their names.
+/// Writes a test for each finding that does not hold, and prints the names of the files.
 pub(crate) fn write(folder: &Path, loaded: &Loaded, findings: &[Finding]) -> Result<(), Failure> {
     let fails: Vec<&Finding> = findings.iter().filter(|finding| finding.verdict == Verdict::Fails).collect();
     if fails.is_empty() {
@@ -177,7 +177,7 @@ pub(crate) fn write(folder: &Path, loaded: &Loaded, findings: &[Finding]) -> Res
     Ok(())
 }
 
-/// The way from a folder to a file: relative, where both are below the folder that the command runs in.
+/// Returns the path from a folder to a file. It is relative if both are inside the folder where the command runs.
 fn from(folder: &Path, file: &Path) -> String {
     let is_plain = |path: &Path| {
         path.components().all(|part| matches!(part, std::path::Component::Normal(_) | std::path::Component::CurDir))

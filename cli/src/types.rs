@@ -1,4 +1,4 @@
-//! `dca types`: prints the record types of a spec for programs, so that a message which two languages share is written once.
+//! `dca types`: prints the record types of a spec for programs. So a message that two languages share is written only once.
 
 use crate::Values;
 use crate::check;
@@ -22,13 +22,13 @@ pub struct Arguments {
     values: Values,
 }
 
-/// Runs the verb. The spec may name programs that do not exist yet, since they need the types; it has to be readable.
+/// Runs the verb. The spec may name programs that do not exist yet: they need the printed types. But the spec has to be readable.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let spec = check::read_with(&arguments.file, &arguments.values)?;
     let mut sources = check::files(&spec);
     sources.insert(0, spec);
     for source in &sources {
-        // A part that cannot be read may have held a type.
+        // A part of the spec that cannot be read may contain a type.
         if let Err(found) = language::format(source) {
             console::note(&language::render(&found, source, &[], check::style()));
             return Err(Failure::Reported);

@@ -21,11 +21,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use verify::{Assumption, Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, WorkDone, told};
 
-/// The number of states in one exploration, unless the command line sets another.
+/// The most states in one exploration, unless the user sets another limit.
 const STATES: u32 = 20_000_000;
-/// As much memory may one exploration take, in MiB.
+/// The most memory of one exploration, in MiB, unless the user sets another limit.
 const MEMORY: usize = 2048;
-/// As long may it take, in seconds.
+/// The longest time in seconds, unless the user sets another limit.
 const SECONDS: u64 = 600;
 /// More threads are of no use.
 const THREADS_MAX: usize = 64;
@@ -97,8 +97,8 @@ pub struct Proof {
 }
 
 impl Proof {
-    /// Refuses a spec with a sentence that fails, or that is not decided within the limits. Checks the texts that were
-    /// read, and reads none again: so the text that runs is the one that is proved.
+    /// Refuses a spec if a sentence fails or is not decided within the limits. Checks the texts in memory and reads no
+    /// file again. So the text that runs is the text that was proved.
     pub(crate) fn require(self, spec: &Spec) -> Result<(), Failure> {
         if !self.require_verified {
             return Ok(());
@@ -118,7 +118,7 @@ impl Proof {
     }
 }
 
-/// The time at which the work has to end, and the progress that a person sees until then.
+/// The time when the work has to end, and its progress, which a person sees.
 #[derive(Debug)]
 struct Until {
     time: Time,
@@ -138,7 +138,7 @@ impl GoesOn for Until {
     }
 }
 
-/// As many threads for a computation.
+/// Computes with this many threads.
 #[derive(Debug)]
 struct Cores(usize);
 
@@ -150,7 +150,7 @@ impl Threads for Cores {
     fn run(&self, work: &(dyn Fn(usize) + Sync)) {
         std::thread::scope(|scope| {
             for thread in 1..self.0 {
-                // Fewer threads give the same result, so if no more can be started the present ones go on.
+                // The result does not depend on the number of threads. If no more threads can be started, the present ones continue.
                 if std::thread::Builder::new().spawn_scoped(scope, move || work(thread)).is_err() {
                     break;
                 }
@@ -161,7 +161,7 @@ impl Threads for Cores {
 }
 
 impl LimitArgs {
-    /// Does something within the limits.
+    /// Does some work within the limits.
     pub(crate) fn with<T>(self, work: impl FnOnce(&Limits<'_>) -> T) -> T {
         let until = Until { time: clock::now() + Duration::from_secs(self.seconds), work: Work::new() };
         let threads = self.threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get);
@@ -170,13 +170,13 @@ impl LimitArgs {
     }
 }
 
-/// A spec with its sites for a verifier.
+/// A compiled spec, with its sites for the verifier.
 pub(crate) struct Loaded {
     pub(crate) spec: Source,
     pub(crate) interfaces: Vec<Source>,
     pub(crate) plan: Plan,
     pub(crate) sites: Sites,
-    /// Whether a module is used of which no interface is known.
+    /// Whether the spec uses a module whose interface is not known.
     pub(crate) lacks_interfaces: bool,
 }
 
@@ -189,7 +189,7 @@ pub(crate) enum Refusal {
     Json,
 }
 
-/// Reads and compiles a spec; of its diagnostics only errors are printed.
+/// Reads and compiles a spec. Of its diagnostics, only errors are printed.
 pub(crate) fn load(
     file: &Path,
     controllers: &Controllers,
@@ -199,7 +199,7 @@ pub(crate) fn load(
     compiled(check::read_with(file, values)?, file, controllers, refusal)
 }
 
-/// Compiles the text of a spec from a file.
+/// Compiles the text of a spec. `file` is the file that the text comes from.
 pub(crate) fn compiled(
     spec: Source,
     file: &Path,
@@ -231,7 +231,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         named_file::not_over(picture, [arguments.file.as_path()])?;
     }
     let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
-    // Edits are written into the text of the spec, so they are proved for that text.
+    // The edits are written into the text of the spec file, so they are proved for this text.
     let is_own = arguments.fix || arguments.test.is_some();
     let values = if is_own { arguments.values.without_defaults() } else { arguments.values.clone() };
     let loaded = load(&arguments.file, &arguments.controllers, &values, refusal)?;
@@ -272,7 +272,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
 }
 
-/// The time and memory that a verdict took; the text of the report has the states.
+/// Describes the time and memory that the verification took. The number of states is in the text of the report.
 fn effort(report: &Report, took: Duration) -> String {
     let seconds = took.as_secs_f64();
     #[expect(clippy::cast_precision_loss, reason = "a rate is rounded")]
@@ -280,13 +280,13 @@ fn effort(report: &Report, took: Duration) -> String {
     format!("it took {seconds:.2} s: {rate:.0} states a second, {} of memory at most", size(report.memory as u64))
 }
 
-/// Whether an expression has an activity or an `else match`.
+/// Returns whether an expression contains an activity or an `else match`.
 fn asks_for_reasons(expression: &Expression) -> bool {
     let is_one = matches!(expression, Expression::Chart(_) | Expression::Catch { .. });
     is_one || expression.operands().into_iter().any(asks_for_reasons)
 }
 
-/// Prints the model, or the transition system; an incomplete one is not printed.
+/// Prints the model or the transition system. An incomplete transition system is not printed.
 fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
     let Loaded { plan, sites, .. } = loaded;
     let is_model = matches!(format, Export::Jani | Export::Mcrl2);
@@ -314,10 +314,10 @@ fn say(text: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The whole report for a program:
-/// `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story", "assumes"}], "states", "transitions", "memory_bytes", "assumed"}`.
-/// `assumes` is the assumption of one proof, `{"text", "story"}`. A verdict is `proved`, `fails` or `open`; diagnostics
-/// are those of `dca check --format json`; a question that a limit has left open has neither diagnostic nor story.
+/// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story",
+/// "assumes"}], "states", "transitions", "memory_bytes", "assumed"}`. `assumes` is the assumption of one proof,
+/// `{"text", "story"}`. A verdict is `proved`, `fails` or `open`. Diagnostics have the form of `dca check --format
+/// json`. A finding that is open because of a limit has neither diagnostic nor story.
 fn json(loaded: &Loaded, report: &Report) -> Value {
     let texts = Texts::new(&loaded.spec, &loaded.interfaces);
     let finding = |found: &Finding| in_json(found, &texts);
@@ -332,7 +332,7 @@ fn json(loaded: &Loaded, report: &Report) -> Value {
     })
 }
 
-/// A finding as an object.
+/// Returns a finding as an object.
 pub(crate) fn in_json(found: &Finding, texts: &Texts<'_>) -> Value {
     let verdict = match found.verdict {
         Verdict::Proved => "proved",
@@ -352,7 +352,7 @@ fn assumption(assumes: &Assumption) -> Value {
     json!({ "text": assumes.text, "story": assumes.story.as_ref().map(story) })
 }
 
-/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "travels", "running", "stopping", "untold", "ended"}`.
+/// Returns a story as an object: `{"steps": [{"cause", "effects", "events"}], "travels", "running", "stopping", "untold", "ended"}`.
 pub(crate) fn story(story: &Story) -> Value {
     let steps = story.steps.iter().map(|step| {
         let events: Vec<String> = step.events.iter().map(ToString::to_string).collect();

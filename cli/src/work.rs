@@ -1,4 +1,4 @@
-//! The progress of long work, told to a person who waits: how much is done, and about how long the rest takes.
+//! The progress of long work, for a person who waits: which part is done, and an estimate of the remaining time.
 
 use crate::logic::estimate::{Estimate, PATIENCE};
 use crate::logic::mission::{Line, Style};
@@ -8,12 +8,12 @@ use comms::logic::time::Time;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How often the line at a terminal is drawn again.
+/// How often the line on a terminal is drawn again.
 const DRAWN_EVERY: Duration = Duration::from_millis(200);
-/// How often a file or a pipe gets a line.
+/// How often a line is printed to a file or a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Some work that has begun. Nothing is said of work that is soon over.
+/// The progress of some work. Nothing is shown if the work ends soon.
 #[derive(Debug)]
 pub(crate) struct Work(Mutex<ProgressLine>);
 
@@ -26,14 +26,14 @@ struct ProgressLine {
 }
 
 impl Work {
-    /// Begins now.
+    /// Begins to measure the time.
     pub(crate) fn new() -> Self {
         let told =
             ProgressLine { output: Output::standard(), estimate: Estimate::default(), begun: clock::now(), last: None };
         Self(Mutex::new(told))
     }
 
-    /// Takes note that so many jobs of a kind are done.
+    /// Notes how many jobs of a kind are done.
     pub(crate) fn jobs(&self, what: &'static str, done: usize, of: usize) {
         let mut told = self.told();
         let at = clock::now().since(told.begun);
@@ -41,7 +41,7 @@ impl Work {
         told.tell();
     }
 
-    /// Takes note of how many states an exploration has found.
+    /// Notes how many states an exploration has found.
     pub(crate) fn states(&self, count: u32) {
         let mut told = self.told();
         told.estimate.states(count);

@@ -37,7 +37,7 @@ enum Verb {
     Install(Install),
 }
 
-/// The command line of `dca-node`, for its page of the manual.
+/// Returns the command line of `dca-node`, for its page of the manual.
 pub fn command() -> clap::Command {
     Command::command()
 }
@@ -58,7 +58,7 @@ fn run_verb() -> ExitCode {
     }
 }
 
-/// Returns the peers that a node accepts: its team, every host, or no other host. Never a team and every host.
+/// Returns the peers that a node accepts: its team, every host, or no other host. A node in a team never accepts every host.
 fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<Reach> {
     let Some(member) = member else {
         ensure!(
@@ -88,13 +88,14 @@ fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<
     Ok(Reach::Team(Arc::clone(member) as _))
 }
 
-/// How many files a node needs to have open at once: 20 of its own, and for 8 other nodes, 8 commands, 2 programs with
-/// 6 each, and short-lived ones.
+/// How many files a node needs to have open at once. The node itself needs 20. The rest is for 8 other nodes, 8
+/// commands, 2 programs with 6 files each, and files that are open only briefly.
 const FILES_MIN: u64 = 64;
-/// How much address space it needs, in bytes. Its threads and allocators reserve far more than they use.
+/// How many bytes of address space a node needs. Its threads and allocators reserve far more than they use.
 const ADDRESSES_MIN: u64 = 1 << 30;
 
-/// Checks that the limits of this process let a node run: libraries below it end the process, or go deaf, where they do not.
+/// Checks that the limits of this process are high enough for a node. If they are not, a library of the node ends the process,
+/// or receives nothing any more.
 fn check_limits() -> anyhow::Result<()> {
     let files = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
     ensure!(
@@ -146,7 +147,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         let announcing = async move {
             if is_ready.wait_for(|ready| *ready).await.is_ok() {
                 told.ready(&name);
-                // A node runs just as well if this is not read.
+                // A node runs just as well if no program reads this line.
                 drop(console::pass(format!("node `{name}` is ready{team}\n").as_bytes()));
             }
         };

@@ -1,4 +1,4 @@
-//! Streams and exit codes of all programs: results go to standard output, the rest to standard error.
+//! Streams and exit codes of all programs. Results go to standard output, everything else goes to standard error.
 //!
 //! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable, 4 not decided within the limits.
 
@@ -17,14 +17,14 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
-/// The longest line of an error, in characters: it may contain an argument of the command, which may be very long.
+/// The longest line of an error, in characters. A line may contain an argument of the command, which may be very long.
 const ERROR_LINE_MAX: usize = 1000;
 
-/// Why a result could not be written, the first time.
+/// The first reason why a result could not be written.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
 /// Set if the command was asked for JSON.
 static IN_JSON: AtomicBool = AtomicBool::new(false);
-/// Notified when a result could not be written, for whatever reason.
+/// Notified when a result could not be written, for any reason.
 static UNWRITTEN: Notify = Notify::const_new();
 
 /// The reason why a verb failed; each has its exit code.
@@ -38,10 +38,9 @@ pub enum Failure {
     Usage(anyhow::Error),
     /// A node or program could not be reached: exit code 3.
     Unreachable(anyhow::Error),
-    /// A node or program could not be reached, and that has been printed: exit code 3.
+    /// A node or program could not be reached, and this has been printed: exit code 3.
     ReportedUnreachable,
-    /// A limit was reached before everything was decided, and the decided and undecided parts have been printed: exit
-    /// code 4.
+    /// A limit was reached before everything was decided. The decided and the undecided parts have been printed: exit code 4.
     Limited,
 }
 
@@ -51,18 +50,18 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Reads the arguments of this process. Arguments that ask only for information, such as `--help`, are answered here.
+/// Reads the arguments of this process. If the arguments ask only for information, such as `--help`, this function prints it.
 ///
 /// # Errors
-/// With the exit code, where there is nothing left to do.
+/// The exit code, if the program has nothing left to do.
 pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
     parsed_by(T::command())
 }
 
-/// Reads the arguments by a command line that differs from that of its type.
+/// Reads the arguments with a command line that differs from the one of their type.
 ///
 /// # Errors
-/// As [`parsed`].
+/// The same as for [`parsed`].
 pub fn parsed_by<T: FromArgMatches>(mut command: clap::Command) -> Result<T, ExitCode> {
     let matches = command.try_get_matches_from_mut(std::env::args_os());
     let read = matches.and_then(|matches| {
@@ -87,13 +86,13 @@ pub fn parsed_by<T: FromArgMatches>(mut command: clap::Command) -> Result<T, Exi
     })
 }
 
-/// Returns whether a command, or the verb in it, was given `--json`.
+/// Returns whether `--json` was given to a command, or to the verb in it.
 fn asks_for_json(matches: &ArgMatches) -> bool {
     let is_given = matches.try_get_one::<bool>("json").is_ok_and(|json| json == Some(&true));
     is_given || matches.subcommand().is_some_and(|(_, verb)| asks_for_json(verb))
 }
 
-/// Standard output, for results. Where this process was given none that can be written, everything fails.
+/// Standard output, for results. If this process has no standard output that can be written, every write fails.
 #[derive(Debug)]
 struct Results(io::Stdout);
 
@@ -118,7 +117,7 @@ fn unwritten(error: &io::Error) -> Failure {
     Failure::Refused(anyhow!("the result could not be written to standard output: {error}"))
 }
 
-/// Reports why something was not done; returns the exit code for it.
+/// Reports why something was not done; returns the exit code for this reason.
 pub fn finish(result: Result<(), Failure>) -> ExitCode {
     let (error, code) = match result {
         Ok(()) => match failed() {
@@ -136,7 +135,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Writes a result: a text, or, if the command was asked for JSON, the object `{"text": …}`.
+/// Writes a result: a text, or the object `{"text": …}` if the command was asked for JSON.
 pub fn say(text: &str) {
     if is_json() {
         return answer(&serde_json::json!({ "text": text }));
@@ -153,23 +152,23 @@ pub fn is_json() -> bool {
 pub fn answer(value: &impl Serialize) {
     match serde_json::to_string(value) {
         Ok(line) => put(&line),
-        // The first reason is the most helpful one.
+        // The first reason is the most helpful.
         Err(error) => drop(FAILED.set(error.into())),
     }
 }
 
-/// Writes a result. If it has no reader any more, this is not reported; any other failure is a failure of the command
-/// ([`failed`]).
+/// Writes a result. If the result no longer has a reader, this is not reported. Any other failure is a failure of the
+/// command ([`failed`]).
 fn put(text: &str) {
     let Err(error) = write_result(&mut results(), text) else { return };
     if error.kind() != io::ErrorKind::BrokenPipe {
-        // The first reason is the most helpful one.
+        // The first reason is the most helpful.
         drop(FAILED.set(error));
     }
     UNWRITTEN.notify_one();
 }
 
-/// Returns once a result could not be written, so that an endless command can stop.
+/// Returns as soon as a result could not be written, so that an endless command can stop.
 ///
 /// # Cancellation
 /// Safe.
@@ -177,10 +176,10 @@ pub async fn write_failed() {
     UNWRITTEN.notified().await;
 }
 
-/// Writes a result to a stream, with a line feed if it has none.
+/// Writes a result to a stream, and a line feed if the result does not end with one.
 ///
 /// # Errors
-/// The stream does not take it.
+/// The result cannot be written to the stream.
 pub fn write_result(stream: &mut impl Write, text: &str) -> io::Result<()> {
     stream.write_all(text.as_bytes())?;
     if !text.ends_with('\n') {
@@ -189,15 +188,15 @@ pub fn write_result(stream: &mut impl Write, text: &str) -> io::Result<()> {
     stream.flush()
 }
 
-/// Returns why some result of this command could not be written, if that is so.
+/// Returns why a result of this command could not be written; nothing if all were written.
 pub fn failed() -> Option<&'static io::Error> {
     FAILED.get()
 }
 
-/// Writes the output of a program. Returns whether standard output has a reader: if not, there is no reason to go on.
+/// Writes the output of a program. Returns whether standard output has a reader. Without a reader, the command has no reason to go on.
 ///
 /// # Errors
-/// When it cannot be written.
+/// The output cannot be written.
 pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
     let mut out = results();
     match out.write_all(bytes).and_then(|()| out.flush()) {
@@ -207,13 +206,13 @@ pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
     }
 }
 
-/// Returns a text for a person that is safe for a terminal. A line break in a name that this process was given does not break a line
-/// of the text.
+/// Returns a text for a person in a form that is safe for a terminal. If a name in this process's arguments has a line
+/// break, the break does not begin a new line of the text.
 pub fn written_out(text: &str) -> String {
     given::written_out(text)
 }
 
-/// Writes a line for a person: a warning, a step that is over.
+/// Writes a line for a person, such as a warning or a finished step.
 pub fn note(text: &str) {
     let (mut err, text) = (io::stderr(), written_out(text));
     // The loss of standard error cannot be reported anywhere.
@@ -225,7 +224,7 @@ pub fn complain(error: &anyhow::Error) {
     note(&format!("error: {}", complaint(&format!("{error:#}"))));
 }
 
-/// Returns the text of an error as a terminal may show it. The middle of a line that is too long is left out.
+/// Returns the text of an error in a form that is safe for a terminal. If a line is too long, its middle is left out.
 fn complaint(text: &str) -> String {
     let clipped = |line: &str| {
         let length = line.chars().count();
@@ -239,10 +238,10 @@ fn complaint(text: &str) -> String {
     printable(&written_out(text)).lines().map(clipped).collect::<Vec<_>>().join("\n")
 }
 
-/// Waits for the first of some tasks to end, and returns its result.
+/// Waits until the first of some tasks has ended, and returns its result.
 ///
 /// # Errors
-/// The result of the ended task; a task that panicked has failed.
+/// The ended task has failed or panicked.
 ///
 /// # Cancellation
 /// Safe.
@@ -251,7 +250,7 @@ pub async fn ended(tasks: &mut JoinSet<anyhow::Result<()>>) -> anyhow::Result<()
     ended.map_or(Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())))
 }
 
-/// Runs a program with a stack of the usual size, even if the caller of the process has limited it.
+/// Runs a program on a stack of the usual size, even if the caller of the process has limited the stack.
 pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
     let no_thread = |error| finish(Err(anyhow!("its main thread cannot be started: {error}").into()));
     stack::on_own_stack(program).unwrap_or_else(no_thread)
@@ -260,7 +259,7 @@ pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
 /// Runs work that communicates with nodes.
 ///
 /// # Errors
-/// As `work`, or when the threads cannot be started.
+/// `work` has failed, or the threads cannot be started.
 pub fn block_on<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let result = runtime.block_on(work);

@@ -6,7 +6,8 @@
 //!   "fix": {"title": "...", "edits": [{"place": {...}, "text": "..."}]}, "choices": []}], "omitted": 0}
 //! ```
 //!
-//! A `fix` leaves no other reading; `choices` look the same, and a person chooses. Of more than 10,000 diagnostics the rest, warnings first, is only counted: `omitted`.
+//! A `fix` leaves no other reading. Of `choices`, a person has to choose one. If there are more than 10,000
+//! diagnostics, `omitted` is the number of those left out; warnings are left out first.
 //!
 //! A place is `{"file", "start", "end"}` with lines and columns from 1 and byte offsets from 0. `version` changes when a
 //! field changes its meaning; fields are added without notice.

@@ -5,7 +5,7 @@ use language::{Code, Diagnostic, Edit, Fix, Severity, Span, Texts};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// Where the format is described.
+/// The address of the format's schema.
 const SCHEMA: &str = "https://json.schemastore.org/sarif-2.1.0.json";
 
 /// Returns the log of one run; the rules are the codes that occur in it.
@@ -51,7 +51,7 @@ fn result(found: &Diagnostic, texts: &Texts<'_>) -> Value {
         "locations": [location(found.primary.span, texts)],
         "relatedLocations": related.collect::<Vec<_>>(),
     });
-    // A reader of the log is asked before it applies one.
+    // The tool that reads the log asks a person before it applies a fix. So `choices` can be among the fixes.
     let fixes: Vec<Value> = found.fix.iter().chain(&found.choices).map(|fix| self::fix(fix, texts)).collect();
     if !fixes.is_empty() {
         result["fixes"] = json!(fixes);
@@ -65,7 +65,7 @@ fn fix(fix: &Fix, texts: &Texts<'_>) -> Value {
     json!({"description": {"text": fix.title}, "artifactChanges": [change]})
 }
 
-/// The sentence with its label and help, since a reader of the log sees no carets.
+/// Returns the sentence of a diagnostic with its label and help: a tool that reads the log shows no carets.
 fn message(found: &Diagnostic) -> String {
     let label = Some(&found.primary.text).filter(|text| !text.is_empty());
     let parts: Vec<&str> =

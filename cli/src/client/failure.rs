@@ -1,11 +1,11 @@
-//! Why a call to a node has no answer, for a person.
+//! Explains to a person why a call to a node has no answer.
 
 use anyhow::anyhow;
 use comms::io::session::CallError;
 use comms::logic::human::span;
 use node::console::Failure;
 
-/// Says why a call has no answer: in the node's own words if it refused, else without the key that was called.
+/// Says why a call has no answer. If the node refused, these are its own words; otherwise the key of the call is left out.
 pub(super) fn call_failure(host: &str, error: CallError) -> Failure {
     match error {
         CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),

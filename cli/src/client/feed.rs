@@ -1,8 +1,8 @@
 //! The events of all nodes that can be reached, as one stream; nodes that join later are included.
 //!
-//! A node sends its known events, then a mark that these were all up to now, and then the new ones. A stream that
-//! breaks off is requested again as soon as its node is found; events that were already received are left out, by their
-//! number.
+//! A node sends its known events, then a mark that these were all, and then new events as they happen. If a stream
+//! breaks off, the feed requests it again as soon as it finds the node. It skips events that it has already received:
+//! each event has a number.
 
 use super::signer::KeyPlace;
 use super::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
@@ -21,9 +21,9 @@ use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::JoinSet;
 use view::{Fleet, MissionId, RobotId};
 
-/// How often nodes are looked for that are not heard.
+/// How often the feed looks for nodes that it does not receive.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// How many messages wait for the reader; further senders wait.
+/// The most messages that wait for the reader. When there are as many, senders wait.
 const MESSAGES_MAX: usize = 64;
 
 /// Whether a feed ends.
@@ -33,31 +33,31 @@ pub(crate) enum Mode {
     Snapshot,
     /// The feed continues as events happen, and as nodes come and go.
     Follow,
-    /// The same. The feed also tells once a second which nodes each connection reaches.
+    /// Like `Follow`; the feed also says once a second which nodes each connection reaches.
     Live,
 }
 
 /// An item of a feed.
 #[derive(Debug)]
 pub(crate) enum FeedItem {
-    /// Something has happened, as the home of a deployment tells it.
+    /// An event, as the home of its deployment reports it.
     Event(RobotId, Box<Event>),
     /// All events that the nodes knew when the feed began have been sent, except those of lost nodes.
     Current,
-    /// A node has sent all events, and ends.
+    /// A node has sent all of its events, and has ended.
     Left(RobotId),
-    /// The connection to a node is lost; the reason.
+    /// The connection to a node is lost, with the reason.
     Lost(RobotId, String),
-    /// A node is heard again.
+    /// A node that was lost is heard again.
     Back(RobotId),
     /// The nodes that a connection reaches, by its place in [`Feed::clients`].
     Reached(usize, BTreeSet<String>),
 }
 
-/// A node, by its connection and its name: nodes inside commands may have the same names.
+/// A node, by its connection and its name: the name alone is not enough, since nodes inside commands may share names.
 type Place = (usize, String);
 
-/// How it is with a node.
+/// The state of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     /// The node was asked, and has not answered since.
@@ -73,14 +73,14 @@ enum State {
 enum SourceMessage {
     Client(Arc<Client>),
     Found(usize, BTreeSet<String>),
-    /// The nodes that a connection reaches, as the node of this machine says: no others are there.
+    /// The nodes that a connection reaches. The list is complete, because the node of this machine gave it.
     Listed(usize, BTreeSet<String>),
     Events(Place, Vec<Event>),
-    /// The node has sent its known events, which lack those of these hosts.
+    /// The node has sent its known events. The events of these hosts are missing among them.
     Behind(Place, Vec<String>),
     Ended(Place),
     Broken(Place, String),
-    /// The wait for the others is over.
+    /// The wait for nodes that have not answered is over.
     Late,
 }
 
@@ -90,11 +90,11 @@ pub(crate) struct Feed {
     mode: Mode,
     clients: Vec<Arc<Client>>,
     places: BTreeMap<Place, State>,
-    /// The nodes that have not yet sent the events from before the beginning; none once all have.
+    /// The nodes whose earlier events have not all arrived. Nothing once all nodes have sent them.
     catching_up: Option<BTreeSet<Place>>,
     /// The number of the next event of each deployment.
     next: BTreeMap<(usize, MissionId), u64>,
-    /// The same, as an earlier feed has heard them.
+    /// The next numbers that an earlier feed had, where this feed continues.
     before: BTreeMap<MissionId, u64>,
     ready: VecDeque<FeedItem>,
     messages: Receiver<SourceMessage>,
@@ -102,7 +102,7 @@ pub(crate) struct Feed {
     tasks: JoinSet<()>,
 }
 
-/// Returns every deployment of which some node has an event, also those that are over.
+/// Returns every deployment of which some node has an event, including deployments that have ended.
 pub(crate) async fn deployments(connect: &ConnectArgs) -> Result<BTreeSet<Deployment>, Failure> {
     let (mut feed, mut all) = (Feed::open(connect, Mode::Snapshot).await?, BTreeSet::new());
     loop {
@@ -122,7 +122,7 @@ impl Feed {
         Self::resume(connect, mode, BTreeMap::new()).await
     }
 
-    /// Does the same, and leaves out the events that an earlier feed has heard.
+    /// Begins like [`Feed::open`], and leaves out the events that an earlier feed has heard.
     pub(crate) async fn resume(
         connect: &ConnectArgs,
         mode: Mode,
@@ -154,8 +154,8 @@ impl Feed {
         Ok(feed)
     }
 
-    /// Asks the nodes that have come since the first question, and reports all other known hosts as lost: only the home
-    /// of a deployment knows its events. So a client with all events has asked every known host.
+    /// Asks the nodes that have come since the first question, and reports all other known hosts as lost. Only the home
+    /// of a deployment knows its events. So a client has all events only if every known host was asked.
     async fn ask_everybody(&mut self) {
         let clients = self.clients();
         let found = match clients.look().await {
@@ -187,7 +187,7 @@ impl Feed {
             lost.entry(part.home.clone()).or_insert_with(why);
         }
         for (host, why) in lost {
-            // A node that is asked reports for itself.
+            // A node that was asked has its own reports.
             if self.places.keys().all(|(_, asked)| *asked != host) {
                 self.ready.push_back(FeedItem::Lost(standing(&host), why));
             }
@@ -221,13 +221,13 @@ impl Feed {
             }
             match self.messages.recv().await {
                 Some(message) => self.take(message),
-                // The feed itself holds a sender.
+                // This cannot happen: the feed itself holds a sender.
                 None => std::future::pending().await,
             }
         }
     }
 
-    /// Returns the number of the next event of each deployment, for a feed that goes on after this one.
+    /// Returns the number of the next event of each deployment, for a feed that continues after this feed.
     pub(crate) fn heard(&self) -> BTreeMap<MissionId, u64> {
         let mut heard = self.before.clone();
         for ((_, mission), next) in &self.next {
@@ -237,7 +237,7 @@ impl Feed {
         heard
     }
 
-    /// Returns the connections that it has now.
+    /// Returns the present connections.
     pub(crate) fn clients(&self) -> Clients {
         Clients { clients: self.clients.clone(), hanging: None }
     }
@@ -288,7 +288,7 @@ impl Feed {
             SourceMessage::Late => {
                 for place in self.catching_up.iter_mut().flat_map(std::mem::take).collect::<Vec<_>>() {
                     self.lost(&place, "it has not answered in time".to_owned());
-                    // It may answer yet: then it is back.
+                    // The node may still answer, and then counts as back.
                     self.places.insert(place, State::Asked { was_lost: true });
                 }
                 self.caught_up();
@@ -303,7 +303,7 @@ impl Feed {
         }
     }
 
-    /// Asks the nodes that are not heard.
+    /// Asks those of these nodes whose events the feed does not receive yet.
     fn found(&mut self, client: usize, hosts: BTreeSet<String>) {
         let Some(asked) = self.clients.get(client) else { return };
         let request = Request::Events { follow: self.mode != Mode::Snapshot };
@@ -335,13 +335,13 @@ impl Feed {
         if self.places.insert(place.clone(), State::Heard) == Some(State::Asked { was_lost: true }) {
             self.ready.push_back(FeedItem::Back(self.robot(&place)));
         }
-        // Without events it marks that these were all up to now.
+        // A message without events is the mark that all known events were sent.
         if events.is_empty() {
             self.told(&place);
         }
         for event in events {
             let home = self.robot(&place);
-            // A home tells the events of its own deployments alone.
+            // A home reports only the events of its own deployments.
             let (deployment, RobotId { host, fleet }) = (event.deployment.clone(), home.clone());
             let mission = MissionId { deployment, home: host, fleet };
             let before = || self.before.get(&mission).copied().unwrap_or_default();
@@ -353,7 +353,7 @@ impl Feed {
         }
     }
 
-    /// Reports the hosts, or programs adopted by its node, from which a home has not heard.
+    /// Reports that a home has not heard from some hosts, or from some programs that its node has adopted.
     fn behind(&mut self, home: &Place, hosts: Vec<String>) {
         for host in hosts {
             let why = if host == home.1 {
@@ -366,7 +366,7 @@ impl Feed {
         self.told(home);
     }
 
-    /// Returns the robot of a node.
+    /// Returns the robot that this node belongs to.
     fn robot(&self, place: &Place) -> RobotId {
         let (client, host) = place;
         let fleet = self.clients.get(*client).map_or(Fleet::Standing, |client| client.fleet());
@@ -378,12 +378,12 @@ impl Feed {
         self.places.insert(place, state);
     }
 
-    /// Returns whether a node has not yet sent the events from before the beginning.
+    /// Returns whether some earlier events of a node have not arrived yet.
     fn is_behind(&self, place: &Place) -> bool {
         self.catching_up.as_ref().is_some_and(|waiting| waiting.contains(place))
     }
 
-    /// Takes note that nothing more is to be waited for from a node.
+    /// Notes that no more earlier events will come from a node.
     fn told(&mut self, place: &Place) {
         if let Some(waiting) = &mut self.catching_up {
             waiting.remove(place);
@@ -399,7 +399,7 @@ impl Feed {
     }
 }
 
-/// Returns a node that stays on its machine.
+/// Returns the robot of a permanent node.
 fn standing(host: &str) -> RobotId {
     RobotId { host: host.to_owned(), fleet: Fleet::Standing }
 }
@@ -426,12 +426,12 @@ async fn look_for_nodes(number: usize, client: Arc<Client>, sink: Sender<SourceM
         let message = match client.listed().await {
             Some(Ok(hosts)) => Some(SourceMessage::Listed(number, hosts)),
             Some(Err(_)) => None,
-            // The nodes of a command end with it.
+            // The nodes inside a command end together with it.
             None if client.has_ended() => {
                 sink.send(SourceMessage::Listed(number, BTreeSet::new())).await.unwrap_or_default();
                 return;
             }
-            // That a node of this machine does not answer does not mean that others have left.
+            // If a node of this machine does not answer, this does not mean that other nodes have left.
             None => client.hosts(&[]).await.ok().map(|hosts| SourceMessage::Found(number, hosts)),
         };
         if let Some(message) = message
@@ -473,7 +473,7 @@ mod tests {
     use super::*;
     use node::logic::protocol::Report;
 
-    /// Returns the items that wait, in words.
+    /// Returns the waiting items, in words.
     fn said(feed: &Feed) -> Vec<String> {
         let words = |item: &FeedItem| match item {
             FeedItem::Event(home, event) => format!("{home}: {} {}", event.deployment.name, event.number),
@@ -514,7 +514,7 @@ mod tests {
         let mut feed = Feed { before: first.heard(), ..Feed::new(Mode::Follow) };
         let again = [("door", 0), ("door", 1), ("door", 2), ("arm", 0)].map(|(name, number)| event(name, number));
         feed.take(SourceMessage::Events((0, "c2".to_owned()), again.into()));
-        // The other home has a deployment of that name, whose events nothing has told.
+        // The other home has a deployment of the same name, and none of its events has come.
         let expected = ["c2: door 0", "c2: door 1", "c2: door 2", "c2: arm 0"];
         assert_eq!(said(&feed), expected);
         let again = [("door", 0), ("door", 1), ("door", 2)].map(|(name, number)| event(name, number));

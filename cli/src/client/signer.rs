@@ -144,20 +144,20 @@ pub(crate) fn bundle(keyring: &Keyring, team: KeyId) -> anyhow::Result<Option<Bu
 }
 
 impl Client {
-    /// Asks a node to start, stop or change something, signed by the user if the node is in a team. `epoch` is that of the
-    /// deployment that is meant, 0 for whichever runs.
+    /// Asks a node to start, stop or change something. If the node is in a team, the user signs the request. `epoch` is
+    /// that of the intended deployment; 0 means any epoch.
     pub(crate) async fn order_on(&self, host: &str, request: Request, epoch: u64) -> Result<Answers, Failure> {
         let request = self.signed(host, request, epoch).await?;
         self.ask_on(host, &request)
     }
 
-    /// Asks the home of a deployment to stop it; which one it is, if that is known.
+    /// Asks the home of a deployment to stop it. `which` is the exact deployment, if it is known.
     pub(crate) async fn stop_on(&self, host: &str, name: &str, which: Option<&Deployment>) -> Result<Answers, Failure> {
         let epoch = which.map_or(0, |deployment| deployment.epoch);
         self.order_on(host, Request::Stop { name: name.to_owned() }, epoch).await
     }
 
-    /// Returns of which team a node is; nothing if it is of none.
+    /// Returns the team of a node; nothing if the node is in no team.
     pub(crate) async fn team_of(&self, host: &str) -> Result<Option<TeamOfNode>, Failure> {
         if let Some(team) = self.signing.team(host) {
             return Ok(team);
@@ -190,7 +190,7 @@ impl Client {
         Ok(())
     }
 
-    /// Returns the request, signed if it has to be.
+    /// Returns the request, with a signature if the node requires one.
     pub(crate) async fn signed(&self, host: &str, request: Request, epoch: u64) -> Result<Request, Failure> {
         if gate::action(&request).is_none() {
             return Ok(request);

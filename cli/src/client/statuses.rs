@@ -1,4 +1,4 @@
-//! The nodes that can be reached, asked how they are.
+//! Asks the nodes that can be reached for their status.
 
 use super::{ANSWER_WITHIN, Answers, Client, unasked, words};
 use anyhow::anyhow;
@@ -15,22 +15,22 @@ pub(crate) struct Statuses {
     pub(crate) nodes: Vec<NodeStatus>,
     /// The known nodes that do not answer.
     pub(crate) silent: Vec<String>,
-    /// The hosts that do not answer, and that some of the answering nodes miss.
+    /// The hosts that do not answer, and that some answering nodes miss.
     pub(crate) missed: BTreeSet<String>,
 }
 
 impl Client {
-    /// Asks every node at once for its status, and then the nodes that only others have named; nodes that do not answer
-    /// are noted.
+    /// Asks every node at once for its status, and then the nodes that only other nodes have named. Prints a warning
+    /// for each node that does not answer.
     pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
         self.statuses_noted(console::note).await
     }
 
-    /// The same, with `note` for the messages about nodes that do not answer.
+    /// Does the same as [`Client::statuses`]; `note` receives the warnings.
     pub(crate) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
         let hosts = self.all().await?;
         let mut found = self.statuses_of(&hosts, note).await;
-        // A node that has just vanished from the network is missed by the others a little later.
+        // If a node has just vanished from the network, the other nodes miss it only a little later.
         let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
         let Statuses { nodes, silent, .. } = self.statuses_of(&(&named - &hosts), note).await;
         found.nodes.extend(nodes);

@@ -1,7 +1,7 @@
 //! The first difference between the plan of a record and that of a spec, in words.
 //!
-//! All of a plan counts but the name of the deployment: what ran where, with which program, arguments and policies, and how
-//! it was connected. Processes are found by their paths, so their order in the plan is none of it.
+//! The whole plan is compared, except the name of the deployment: hosts, programs, arguments, policies and connections.
+//! Processes are found by their paths, so their order in the plan does not matter.
 
 use language::plan::{
     Argument, Backoff, Claim, Constant, DEADLINE, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan,
@@ -20,18 +20,18 @@ pub(super) fn difference(recorded: &Plan, spec: &Plan) -> Option<String> {
         .or_else(|| claims(recorded, spec))
 }
 
-/// A difference of one process or connection; with the values only if they are short.
+/// A difference of one process or connection. The values are given only if they are short.
 struct Differs {
     what: &'static str,
     values: Option<(String, String)>,
 }
 
-/// Compares properties that fit into a word or two.
+/// Compares properties whose values fit into a word or two.
 fn said<T: PartialEq>(what: &'static str, pair: (&T, &T), words: impl Fn(&T) -> String) -> Option<Differs> {
     (pair.0 != pair.1).then(|| Differs { what, values: Some((words(pair.0), words(pair.1))) })
 }
 
-/// Compares properties that are too long for that.
+/// Compares properties whose values are too long for a sentence.
 fn differs<T: PartialEq>(what: &'static str, pair: (&T, &T)) -> Option<Differs> {
     (pair.0 != pair.1).then_some(Differs { what, values: None })
 }
@@ -48,7 +48,7 @@ impl Differs {
     }
 }
 
-/// Which processes there are.
+/// Compares which processes there are.
 fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
     let all = |plan: &Plan| -> BTreeMap<String, &'static str> {
         let groups = plan.groups.iter().map(|group| (group.path.clone(), "group"));
@@ -58,8 +58,8 @@ fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
     first(&all(recorded), &all(spec), who, |kind| format!("is a {kind} in the record alone"))
 }
 
-/// Returns the first entry that only one side has, or that differs; `differs` describes a difference of the record's
-/// entry.
+/// Returns the first entry that differs, or that only one of the sides has. `differs` describes a difference, given the
+/// entry of the record.
 fn first<T: PartialEq>(
     recorded: &BTreeMap<String, T>,
     spec: &BTreeMap<String, T>,
@@ -93,13 +93,13 @@ fn groups(recorded: &Plan, spec: &Plan) -> Option<String> {
     })
 }
 
-/// The members of a group by name: whether each is a group, and a service.
+/// Returns the members of a group by name, with two facts: whether the member is a group, and whether it is a service.
 fn members(group: &Group) -> BTreeMap<&str, (bool, bool)> {
     let member = |member: &language::plan::Member| (matches!(member.kind, MemberKind::Group(_)), member.service);
     group.members.iter().map(|one| (one.name.as_str(), member(one))).collect()
 }
 
-/// Whether the event actions of two groups are the same, with the names of members and sets for their numbers.
+/// Returns whether the event actions of two groups are the same. Members and connection sets are compared by name, not by number.
 fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
     let name = |group: &Group, member: u32| group.members.get(member as usize).map(|member| member.name.clone());
     let label =
@@ -111,7 +111,8 @@ fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
         }
         (Expression::Wait(time), Expression::Wait(theirs)) => time == theirs,
         (Expression::Fail(why), Expression::Fail(theirs)) => {
-            // The reason of a deadline quotes its text and its line; its time is that of the `wait` before it.
+            // The reason of a deadline quotes its text and its line, so it is not compared. The time of the deadline is
+            // in the `wait` before it.
             why == theirs || why.starts_with(DEADLINE) && theirs.starts_with(DEADLINE)
         }
         (Expression::AnyOf { count, .. }, Expression::AnyOf { count: theirs, .. })

@@ -1,11 +1,12 @@
-//! Brings a record and a spec of one meaning to one form: the numbers of groups, members and connection sets follow the order of
-//! the text, and the reason of a deadline quotes it.
+//! Brings a record and a spec with the same meaning to one form. The numbers of groups, members and connection sets
+//! follow the order of the text, and the reason of a deadline quotes the text.
 
 use language::algebra::{Command, Event, Outcome, StepRecord};
 use language::plan::{DEADLINE, Expression, Group, Plan};
 use verify::Steps;
 
-/// Returns the steps of a record, `lives` for each group of its plan, for the groups of the spec and with its numbers.
+/// Renumbers the steps of a record as in the spec. `lives` has the steps for each group of the recorded plan; the
+/// result has them for each group of the spec.
 pub(super) fn numbered(lives: &[Vec<Steps>], recorded: &Plan, spec: &Plan) -> Vec<Vec<Steps>> {
     let of_group = |group: &Group| {
         let found = recorded.groups.iter().zip(lives).find(|(other, _)| other.path == group.path);
@@ -17,7 +18,7 @@ pub(super) fn numbered(lives: &[Vec<Steps>], recorded: &Plan, spec: &Plan) -> Ve
     spec.groups.iter().map(of_group).collect()
 }
 
-/// Gives the deadlines of a spec the reasons that they have in the record, which are among its steps.
+/// Replaces the reasons of the spec's deadlines by the reasons in the record: recorded steps contain them.
 pub(super) fn with_reasons(mut spec: Plan, recorded: &Plan) -> Plan {
     for group in &mut spec.groups {
         if let Some(other) = recorded.groups.iter().find(|other| other.path == group.path) {
@@ -50,7 +51,7 @@ impl Numbers<'_> {
         let is_it = |group: &Group, other: &language::plan::ConnectionSet| {
             other.label == *label && owner(group, other.owner) == of
         };
-        // Several may have no label and no owner: their order is kept.
+        // Several sets may have no label and no owner. Their order tells them apart.
         let before = self.recorded.sets.iter().take(set as usize).filter(|other| is_it(self.recorded, other)).count();
         let mut same = (0..).zip(&self.spec.sets).filter(|(_, other)| is_it(self.spec, other));
         same.nth(before).map_or(set, |(number, _)| number)

@@ -1,4 +1,4 @@
-//! The connection to the databases of robots: which copy is asked, and its answers.
+//! The connection to the databases of robots: sends a question to one of the copies, and returns the answers.
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences};
@@ -20,7 +20,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How long a database has for an answer that needs no waiting. A disk may take a while to write.
+/// How long a database may take for an answer that waits for no other robot. Writing to a disk may take a while.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
 /// The robot to ask, and the form of the answer.
@@ -40,9 +40,9 @@ pub struct DatabaseArgs {
 #[derive(Debug)]
 pub(crate) struct Databases<'a> {
     client: &'a Client,
-    /// The notes that were printed already.
+    /// The notes that have been printed already.
     noted: Arc<Mutex<BTreeSet<String>>>,
-    /// The default robot to ask.
+    /// The robot that is asked if the verb names no other robot.
     robot: String,
 }
 
@@ -55,17 +55,17 @@ pub(crate) struct Replies {
 }
 
 impl DatabaseArgs {
-    /// Returns the databases that these options reach.
+    /// Returns the databases that can be reached with these options.
     pub(crate) fn of(connect: ConnectArgs) -> Self {
         Self { robot: None, json: false, connect }
     }
 
-    /// Returns where to find the nodes.
+    /// Returns the options for finding nodes.
     pub(crate) fn connect(&self) -> &ConnectArgs {
         &self.connect
     }
 
-    /// Does something with the databases, and closes the connection after it.
+    /// Does some work with the databases, and then closes the connection.
     pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
         block_on(async {
             let client = Client::open_any(&self.connect).await?;
@@ -78,10 +78,10 @@ impl DatabaseArgs {
         })
     }
 
-    /// Returns the robot that is asked unless the verb names another.
+    /// Returns the robot to ask if the verb names no other robot.
     async fn whom(&self, client: &Client) -> Result<String, Failure> {
         if let Some(robot) = self.robot.as_deref().or_else(|| client.local()) {
-            // It may have to be discovered first. Whether it answers shows when it is asked.
+            // The robot may have to be discovered first. Only a question shows whether its database answers.
             if client.local() != Some(robot) && !client.finds(robot).await? {
                 tracing::debug!(robot, "no host has announced it");
             }
@@ -92,7 +92,7 @@ impl DatabaseArgs {
         client.hosts(&[]).await?.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
     }
 
-    /// Returns the folder with the keys of teams, and whether the passphrase of the user's key is read from a file.
+    /// Returns the options for the user's key: the folder with the keys of teams, and the file with the passphrase.
     pub(crate) fn key_place(&self) -> KeyPlace {
         self.connect.key_place()
     }
@@ -111,7 +111,7 @@ impl DatabaseArgs {
         self.with(async |databases| databases.ask_all(question, take).await)
     }
 
-    /// Asks a question that is answered by one sentence, and prints it.
+    /// Asks a question whose answer is one sentence, and prints this sentence.
     pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
         let reply = self.ask(question)?;
         let Reply::Done(sentence) = reply else { return Err(refusal(&reply)) };
@@ -121,7 +121,7 @@ impl DatabaseArgs {
 }
 
 impl<'a> Databases<'a> {
-    /// Returns the databases that a connection reaches; `robot` is asked unless another is named.
+    /// Returns the databases that a connection reaches. Questions go to `robot` if they name no other robot.
     pub(crate) fn through(client: &'a Client, robot: String) -> Self {
         Self { client, noted: Arc::default(), robot }
     }
@@ -154,12 +154,12 @@ impl<'a> Databases<'a> {
         Ok(entries)
     }
 
-    /// Returns the robot that is asked unless another is named.
+    /// Returns the robot that questions go to by default.
     pub(crate) fn robot(&self) -> &str {
         &self.robot
     }
 
-    /// Returns of which team the robot is that is asked; nothing if it is of none.
+    /// Returns the team of the robot that is asked; nothing if the robot is in no team.
     pub(crate) async fn team(&self) -> Result<Option<TeamOfNode>, Failure> {
         self.client.team_of(&self.robot).await
     }
@@ -200,14 +200,14 @@ impl<'a> Databases<'a> {
         Ok(all)
     }
 
-    /// Returns what runs on the hosts that answer, and which hosts do not answer, as all nodes together say.
+    /// Returns the processes on the hosts that answer, and the hosts that do not answer according to the reports of all nodes.
     pub(crate) async fn statuses(&self) -> Result<(Vec<NodeStatus>, Absences), Failure> {
         let found = [(self.client, self.client.statuses().await?)];
         let away = absent::ask(&found).await;
         Ok((found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect(), away))
     }
 
-    /// Returns the robots that can be reached now, without those whose keys are revoked. The node of this machine knows at once.
+    /// Returns the robots that can be reached now, except those whose keys are revoked. The node of this machine knows them at once.
     pub(crate) async fn robots(&self) -> Result<Vec<String>, Failure> {
         Ok(self.client.all().await?.into_iter().collect())
     }
@@ -219,7 +219,7 @@ impl<'a> Databases<'a> {
 }
 
 impl Replies {
-    /// Returns the next answer; none after the last. Messages for a person are passed on.
+    /// Returns the next answer; nothing after the last one. Prints messages that are meant for a person.
     pub(crate) async fn next(&mut self, deadline: Time) -> Result<Option<Reply>, Failure> {
         tokio::select! {
             biased;
@@ -230,7 +230,7 @@ impl Replies {
         }
     }
 
-    /// Returns the next answer, however long it takes.
+    /// Returns the next answer, however long the wait for it is.
     pub(crate) async fn more(&mut self) -> Result<Option<Reply>, Failure> {
         loop {
             match self.answers.next().await.transpose()? {
@@ -247,13 +247,13 @@ impl Replies {
         }
     }
 
-    /// Says that the answers ended too early.
+    /// Returns the failure that the answers ended too early.
     pub(crate) fn ended(&self) -> Failure {
         Failure::Unreachable(anyhow!("the database of `{}` has ended while it was asked", self.robot))
     }
 }
 
-/// Reads which keys are meant: one, or those below a prefix, which is nothing or ends in `/`.
+/// Reads which keys a user means: one key, or all keys below a prefix. A prefix is empty, or ends in `/`.
 pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
     match text.strip_suffix('/') {
         Some(prefix) => Key::new(prefix).map(|_| Keys::Below(text)),
@@ -262,7 +262,7 @@ pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
     }
 }
 
-/// Says why something was not done.
+/// Explains why a database did not do what it was asked for.
 pub(crate) fn refusal(reply: &Reply) -> Failure {
     if let Reply::Refused(why) | Reply::Unmet { why, .. } | Reply::Unknown(why) = reply {
         return anyhow!("{why}").into();

@@ -1,4 +1,4 @@
-//! `dca db export`, `tx`: many keys at once, from and to text.
+//! `dca db export` and `dca db tx`: write many keys at once to a text, and read them from a text.
 
 use super::databases::{DatabaseArgs, refusal};
 use super::moment::a_moment;
@@ -15,7 +15,7 @@ use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Question, Reply};
 use std::path::{Path, PathBuf};
 
-/// The longest file of values, in bytes: some million keys.
+/// The largest size of a file of values, in bytes: some million keys.
 const FILE_MAX: usize = 256 << 20;
 
 /// The kinds of lines of a transaction.
@@ -58,7 +58,7 @@ impl Export {
         self.database.ask_all(question, |reply| {
             let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
             rest.push_str(&part);
-            // A part may end in the middle of a line.
+            // A part of the answer may end in the middle of a line.
             let lines: String = rest.drain(..rest.rfind('\n').map_or(0, |end| end + 1)).collect();
             readers.explain(&lines, &mut text);
             if let Some(file) = &mut file {
@@ -133,13 +133,13 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
     Ok(())
 }
 
-/// Splits a key from the rest of the line. A key with blanks stands in quotes, as a text in TOML.
+/// Splits a key from the rest of the line. A key that contains blanks is quoted like a string in TOML.
 fn key_and_rest(text: &str) -> anyhow::Result<(String, &str)> {
     let Some(quoted) = text.strip_prefix('"') else {
         let (key, rest) = text.split_once(' ').unwrap_or((text, ""));
         return Ok((key.to_owned(), rest.trim()));
     };
-    // A backslash keeps the quote after it from being the end.
+    // The quote after a backslash does not end the key.
     let mut escaped = false;
     let end = quoted.find(|character| {
         let is_end = character == '"' && !escaped;

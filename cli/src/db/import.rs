@@ -1,8 +1,8 @@
 //! `dca db import`: makes keys equal to the content of a file.
 //!
-//! The changes are computed here, from the keys that the robot sends: neither the file nor its changes fit into one
-//! message. They are written in as many transactions as necessary, each as large as possible. Importing a file again
-//! continues where the last import ended, since written keys no longer differ.
+//! The changes are computed here, from the keys that the robot sends: the file and its changes may be too large for one
+//! message. They are written in as few transactions as possible. If an import is repeated, it continues where the last
+//! one ended: keys that are already written no longer differ.
 
 use super::databases::{Databases, refusal};
 use super::file::read;
@@ -56,9 +56,9 @@ pub struct Import {
 /// The progress of an import.
 #[derive(Default)]
 struct Done {
-    /// The transactions.
+    /// The transactions that were committed.
     dots: Vec<Dot>,
-    /// Whether one of them has not reached the requested level.
+    /// Whether one of the transactions has not reached the requested level.
     pending: bool,
 }
 
@@ -156,7 +156,7 @@ impl Import {
     }
 }
 
-/// How far an import has got, for a person.
+/// The progress of an import, for a person.
 struct Progress {
     output: Output,
     keys: usize,
@@ -196,8 +196,7 @@ async fn owners(databases: &Databases<'_>) -> Result<Owners, Failure> {
     Ok(owners.into_iter().map(owner).collect())
 }
 
-/// Returns the writes by whose keys they are, as the prefixes with an owner say: what belongs to one robot goes to it, and a
-/// transaction over the keys of several would be refused by all.
+/// Groups the writes by the owner of their keys. All robots would refuse a transaction over keys of several owners.
 fn by_owner(draft: &Draft, owners: &Owners) -> Vec<Vec<Write>> {
     let mut groups: BTreeMap<Option<String>, Vec<Write>> = BTreeMap::new();
     for (key, value) in draft.writes() {
@@ -208,7 +207,7 @@ fn by_owner(draft: &Draft, owners: &Owners) -> Vec<Vec<Write>> {
     groups.into_values().collect()
 }
 
-/// Returns the conditions under which these keys have not been written since they were read.
+/// Returns conditions that fail if these keys were written again after they were read.
 fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
     let condition = |key: &Key| match state.versions(key) {
         _ if state.is_conflict(key) => Err(anyhow!(
@@ -221,14 +220,14 @@ fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
     writes.iter().map(require).collect()
 }
 
-/// Says why a file cannot be written at once.
+/// Explains why the file does not fit into one transaction.
 fn does_not_fit(parts: &[Vec<Write>], drafts: usize) -> Failure {
     let keys = counted(parts.iter().map(|part| part.len() as u64).sum::<u64>(), "key");
     let why = if drafts == 1 { "they belong to several robots" } else { "one transaction does not take so much" };
     anyhow!("nothing was written: {keys} would change, and {why}; import a part of it, or leave `--atomic` out").into()
 }
 
-/// Adds to the failure of a transaction how much was committed before it.
+/// Adds to a failure how much was committed before it.
 fn partly(failure: Failure, done: usize, count: usize) -> Failure {
     let add = |error: anyhow::Error| {
         anyhow!(

@@ -1,10 +1,10 @@
-//! Moments as people name them, in the local time of this machine.
+//! Dates and other moments as a user writes them, in the local time of this machine.
 
 use comms::io::clock;
 use dbmanager::logic::view::{date, token};
 use node::logic::database::question::AsOf;
 
-/// Reads a date, as milliseconds since 1970.
+/// Reads a date. Returns it as milliseconds since 1970.
 pub(crate) fn a_date(text: &str) -> Result<u64, String> {
     date_of(text).ok_or_else(|| format!("a date is {}", dates()))
 }
@@ -21,7 +21,7 @@ pub(crate) fn a_moment(text: &str) -> Result<AsOf, String> {
     moment.ok_or_else(|| format!("a moment is `now`, a version, `on:ROBOT`, or a date: {}", dates()))
 }
 
-/// Returns the zone that dates are in.
+/// Returns the time zone of dates.
 pub(crate) fn zone() -> String {
     date::zone(clock::minutes_ahead(now()))
 }
@@ -34,7 +34,7 @@ fn now() -> u64 {
     u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX)
 }
 
-/// Returns the forms of a date.
+/// Describes the forms in which a date can be written.
 fn dates() -> String {
     format!(
         "`14:03`, `yesterday 14:03`, `5 min ago` or `2026-11-21 10:00:00`, in {} unless it ends with `Z` or `+01:00`",

@@ -1,4 +1,4 @@
-//! `dca db history`, `conflicts`, `resolve`, `at`: the past, and unsettled conflicts.
+//! `dca db history`, `conflicts`, `resolve` and `at`: past values, and conflicts that are not settled.
 
 use super::databases::{DatabaseArgs, keys, refusal};
 use super::moment::{a_date, a_moment};
@@ -153,7 +153,7 @@ impl Conflicts {
     }
 }
 
-/// Returns a conflict with the name of its writes, and with the one marked that a read shows, which is the last.
+/// Returns a conflict as JSON: with a name for its writes, and with a mark on the write that a read shows. This is the last write.
 fn json(conflict: &Conflict) -> serde_json::Result<serde_json::Value> {
     let mut json = serde_json::to_value(conflict)?;
     json["seen"] = conflict.seen().into();

@@ -50,7 +50,7 @@ impl Get {
     }
 }
 
-/// Returns the writes to a key; where there is none, the default of its schema.
+/// Returns the writes to a key. If there are none, returns the default of its schema.
 async fn stored(databases: &Databases<'_>, key: &Key) -> Result<(Vec<Version>, Option<Datum>), Failure> {
     let reply = databases.ask_one(databases.robot(), Question::Get { key: key.clone() }).await?;
     let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
@@ -90,7 +90,7 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
     Ok(())
 }
 
-/// Returns the value that a read shows.
+/// Returns the value that a read shows for these writes.
 fn shown(versions: &[Version]) -> Option<Datum> {
     versions.last()?.value.as_ref().map(Datum::of)
 }

@@ -1,4 +1,4 @@
-//! Values for people: for a secret, its readers instead of its sealed bytes.
+//! Shows values to a person. In place of the bytes of a secret, its readers are shown.
 
 use super::databases::DatabaseArgs;
 use crate::io::keyring::Keyring;
@@ -11,12 +11,12 @@ use trust::bundle::Bundle;
 use trust::identity::KeyId;
 use trust::seal::Sealed;
 
-/// The beginning of a sealed value in TOML. It occurs nowhere else: inside a text, quotes are escaped.
+/// The beginning of a sealed value in TOML. Other values cannot contain it, because quotes in a string are escaped.
 const BEGIN: &str = "{\"$sealed\" = \"";
-/// How it ends.
+/// The end of a sealed value in TOML.
 const END: &str = "\"}";
 
-/// The names of the readers of secrets, as far as this machine knows them. They are looked up with the first secret.
+/// The names of the readers of secrets, as far as this machine knows them. They are looked up for the first secret.
 #[derive(Debug)]
 pub(crate) struct Readers {
     keys: Option<PathBuf>,
@@ -26,7 +26,7 @@ pub(crate) struct Readers {
 }
 
 impl Readers {
-    /// Returns the readers in the teams whose keys these arguments name.
+    /// Returns the readers that the teams know whose keys these arguments name.
     pub(crate) fn of(database: &DatabaseArgs) -> Self {
         Self { keys: database.key_place().folder, names: OnceCell::new(), unknown: OnceCell::new() }
     }
@@ -53,8 +53,8 @@ impl Readers {
         }
     }
 
-    /// Adds lines of an exported file to a text, and before each secret a comment with its readers: the bytes stay, so
-    /// that the file can be imported.
+    /// Adds lines of an exported file to a text. Before each secret, adds a comment with its readers. The bytes of the
+    /// secret stay, so that the file can be imported.
     pub(crate) fn explain(&self, lines: &str, text: &mut String) {
         for line in lines.split_inclusive('\n') {
             if line.starts_with('#') {
@@ -70,7 +70,7 @@ impl Readers {
         }
     }
 
-    /// Returns TOML in which each secret is a phrase.
+    /// Returns a TOML text in which each secret is replaced by a phrase about it.
     fn in_text(&self, toml: &str) -> String {
         let (mut text, mut rest) = (String::new(), toml);
         while let Some((before, (said, after))) = self.next(rest) {
@@ -81,7 +81,7 @@ impl Readers {
         text + rest
     }
 
-    /// Returns the part of a TOML text before the first secret, the text about the secret, and the part behind it.
+    /// Splits a TOML text at its first secret. Returns the part before it, the phrase about it, and the part after it.
     fn next<'a>(&self, toml: &'a str) -> Option<(&'a str, (String, &'a str))> {
         let mut from = 0;
         loop {
@@ -120,7 +120,7 @@ impl Readers {
             let of_team = bundle.holders(::team::now()).into_iter().map(|holder| {
                 let claims = holder.certificate.claims();
                 let key = holder.certificate.subject();
-                // A name may have been given new keys since: those cannot read it.
+                // The member may have new keys by now, which cannot open the secret.
                 let state = if bundle.has_revoked(&key) { " (revoked key)" } else { "" };
                 (key, format!("{}{state}", claims.name))
             });
@@ -130,7 +130,7 @@ impl Readers {
     }
 }
 
-/// Returns a sealed secret; nothing if the value is none.
+/// Returns the sealed secret in a value; nothing if the value is not a secret.
 pub(crate) fn sealed(datum: &Datum) -> Option<Sealed> {
     let Datum::Sealed(bytes) = datum else { return None };
     Sealed::from_bytes(bytes).ok()
@@ -142,7 +142,7 @@ mod tests {
     use trust::identity::{Entropy, SecretKeys};
     use trust::seal::{Place, Secret};
 
-    /// Returns a secret for two robots, of which only `r2` has a name here; and the text about it.
+    /// Returns a secret for two robots, and the phrase about it. Only the name of `r2` is known here.
     fn secret() -> (Readers, Datum, String) {
         let mut entropy = Entropy::new(&[7; 32]);
         let robots = [(), ()].map(|()| *SecretKeys::generate(&mut entropy).public());
@@ -169,7 +169,7 @@ mod tests {
         assert_eq!(json[1]["value"]["secret"]["generation"], 1);
         assert_eq!(json[1]["value"]["secret"]["for"].as_array().unwrap().len(), 2);
         assert_eq!((&json[0], &json[1]["by"]), (&1.into(), &"r1".into()));
-        // A value that only looks like a secret is shown unchanged.
+        // A text that only looks like a secret is shown unchanged.
         let Datum::Sealed(bytes) = &secret else { panic!("it is sealed") };
         let cut = Datum::Sealed(bytes[1..].to_vec());
         let text = Datum::Text(secret.to_toml());

@@ -1,4 +1,4 @@
-//! `dca db put --secret`: seals a value for some robots. The value never leaves this process in the clear.
+//! `dca db put --secret`: seals a value for some robots. Only the sealed value leaves this process.
 
 use super::databases::{ANSWER_WITHIN, Databases, refusal};
 use super::readers;
@@ -63,7 +63,7 @@ impl SecretArgs {
     }
 }
 
-/// Returns the value of a secret.
+/// Reads the value of a secret.
 fn value(file: Option<&Path>) -> anyhow::Result<Secret> {
     let bytes = match file {
         Some(path) => {
@@ -79,9 +79,9 @@ fn value(file: Option<&Path>) -> anyhow::Result<Secret> {
     Ok(Secret::new(bytes)?)
 }
 
-/// Returns the content of standard input, without the end of its last line.
+/// Returns the content of standard input, without the line end at its end.
 fn standard_input() -> anyhow::Result<Zeroizing<Vec<u8>>> {
-    // Allocated at full size from the start: a buffer that grows leaves copies behind.
+    // The buffer has its full size from the start: a buffer that grows leaves copies in the memory.
     let mut bytes = Zeroizing::new(Vec::with_capacity(VALUE_SIZE_MAX + 1));
     let limit = u64::try_from(VALUE_SIZE_MAX)?;
     let input = File::from(rustix::io::dup(io::stdin())?);
@@ -112,7 +112,7 @@ fn keys_of(keyring: &Keyring, team: &TeamOfNode, names: &[Name]) -> anyhow::Resu
     Ok(readers)
 }
 
-/// Returns the present keys of a robot: if several have its name, the newest.
+/// Returns the present keys of a robot. If several robots have its name, returns the newest keys.
 fn robot(bundle: &Bundle, name: &Name) -> anyhow::Result<PublicKeys> {
     let holders = bundle.holders(::team::now());
     let robots = holders.iter().filter(|holder| {
@@ -136,7 +136,7 @@ async fn stored(databases: &Databases<'_>, key: &Key) -> Result<Option<Sealed>, 
     Ok(value.as_ref().and_then(readers::sealed))
 }
 
-/// Seals a secret; returns the value to write, and the text about it.
+/// Seals a secret. Returns the value to write, and the text about it.
 fn sealed(
     secret: &Secret,
     key: &Key,
@@ -164,14 +164,14 @@ fn count(readers: usize) -> String {
     if readers == 1 { "1 robot".to_owned() } else { format!("{readers} robots") }
 }
 
-/// Returns the keys of all secrets in the asked database that one of these can open.
+/// Returns the names of all secrets in the asked database that one of these `keys` can open.
 pub(crate) async fn readable(databases: &Databases<'_>, keys: &[KeyId]) -> Result<Vec<String>, Failure> {
     let question = Question::List { prefix: String::new(), at: AsOf::Now };
     let mut replies = databases.ask(databases.robot(), question).await?;
     let mut found = Vec::new();
     while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
         let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
-        // Also of writes that did not see each other.
+        // All writes of a conflict are looked at, and not only the write that a read shows.
         let is_readable = |value: &Value| {
             let sealed = readers::sealed(&Datum::of(value));
             sealed.is_some_and(|sealed| sealed.readers().any(|reader| keys.contains(&reader)))

@@ -1,4 +1,4 @@
-//! `dca db status`, `found`, `join`, `retire`, `heal-clock`: the team.
+//! `dca db status`, `found`, `join`, `retire` and `heal-clock`: the team of robots that share the database.
 
 use super::databases::{DatabaseArgs, Databases, refusal};
 use anyhow::anyhow;
@@ -8,9 +8,9 @@ use node::logic::database::question::{self, Question, Reply};
 use node::logic::database::table;
 use std::time::Duration;
 
-/// How long a member of another team has to admit a robot.
+/// How long a member of the other team may take to admit the robot.
 const ADMITTED_WITHIN: Duration = Duration::from_secs(30);
-/// How often it is looked whether it has.
+/// The pause before the next look whether the robot was admitted.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
 /// The arguments of `dca db status`.
@@ -75,7 +75,7 @@ impl Retire {
 }
 
 impl Join {
-    /// Runs the verb. The robot gives up its team at once; it is done when the other team has admitted it.
+    /// Runs the verb. The robot leaves its own team at once. The verb is done when the other team has admitted the robot.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let Self { member, database } = self;
         let robot = database.with(async |databases| {
@@ -104,7 +104,7 @@ impl Join {
 }
 
 impl TeamArgs {
-    /// Runs `found`. A robot that is a member may have become one a moment ago, and the robot that is asked has not heard it.
+    /// Runs `found`. Another robot may have founded the same team a moment ago, and the asked robot may not know it yet.
     pub(crate) fn found(self) -> Result<(), Failure> {
         self.database.with(async |databases| {
             let own = status(databases, databases.robot()).await?;

@@ -1,5 +1,4 @@
-//! `dca db watch`: prints every change of keys as it happens, including changes from a time in which no robot could be
-//! reached.
+//! `dca db watch`: prints every change of keys as it happens. Changes that happen while no robot can be reached are printed later.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
 use super::moment::zone;
@@ -16,7 +15,7 @@ use node::console::{self, Failure};
 use node::logic::database::question::{Question, Reply};
 use std::time::Duration;
 
-/// How long a robot that has gone away is looked for before the next try.
+/// The pause before the next search for a robot that can no longer be reached.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 
 /// The arguments of `dca db watch`.
@@ -33,7 +32,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Runs the verb, until it is interrupted.
+    /// Runs the verb until the user interrupts it.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let keys = keys(self.key.clone())?;
         let mut told = self.from.clone();
@@ -67,7 +66,7 @@ impl Watch {
                     *told = Some(version);
                 }
                 Ok(Some(other)) => return Err(refusal(&other)),
-                // The robot has answered before: it returns, and sends the missed changes.
+                // The robot has answered before. When it returns, it sends the missed changes.
                 Ok(None) | Err(Failure::Unreachable(_)) if told.is_some() => {}
                 Ok(None) => return Err(replies.ended()),
                 Err(failure) => return Err(failure),
@@ -80,7 +79,7 @@ impl Watch {
         }
     }
 
-    /// Prints the news until there are no more.
+    /// Prints the changes until the answers end.
     async fn take(&self, replies: &mut Replies, told: &mut Option<VersionVector>) -> Result<(), Failure> {
         while let Some(reply) = replies.more().await? {
             let Reply::Notification(told_now) = reply else { return Err(refusal(&reply)) };
@@ -111,13 +110,13 @@ impl Watch {
     }
 
     fn print(&self, event: &Event) -> Result<(), Failure> {
-        // Looked up again each time: a watch outlives changes of the team.
+        // The readers are looked up again each time, because the team may change during a watch.
         let readers = Readers::of(&self.database);
         if self.database.json {
             console::answer(&readers.json(serde_json::to_value(event)?));
             return Ok(());
         }
-        // The first line of the table is its heading.
+        // The first line of the table is its heading, which is not printed here.
         let entry = std::slice::from_ref(&event.entry);
         let lines = table::history(entry, Span::All, &|datum| readers.text(datum), clock::minutes_ahead);
         lines.lines().skip(1).for_each(console::say);

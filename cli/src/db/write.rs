@@ -1,4 +1,4 @@
-//! `dca db put`, `delete`: commits one transaction and reports how far it has got.
+//! `dca db put` and `dca db delete`: commit one transaction, and report which level it has reached.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
 use super::secret::SecretArgs;
@@ -18,7 +18,7 @@ use node::logic::protocol::InstanceParameters;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The arguments of every verb that commits.
+/// The arguments of every verb that commits a transaction.
 #[derive(Debug, clap::Args)]
 pub struct CommitArgs {
     /// The reason, for the history
@@ -85,24 +85,24 @@ impl Put {
 impl Delete {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        // An earlier version wrote keys that are invalid now: they can be deleted.
+        // An earlier version may have written keys that are not valid any more. They can still be deleted.
         let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::try_from).collect();
         let writes = keys?.into_iter().map(|key| Write { key, value: None }).collect();
         self.commit.commit(vec![], writes)
     }
 }
 
-/// How far a transaction has got.
+/// The progress of a transaction.
 pub(crate) enum CommitProgress {
-    /// As far as was asked.
+    /// It has reached the requested level.
     AckLevel(Dot),
-    /// To a disk.
+    /// It is on a disk, but has not reached the requested level.
     Pending(Dot),
-    /// There was nothing to do.
+    /// There was nothing to commit.
     Done(String),
 }
 
-/// Returns whether a transaction writes below `local/` only: then it is in no log, and its name cannot be asked for.
+/// Returns whether a transaction writes only below `local/`. Such a transaction is in no log, so its name is of no use.
 fn stays_here(question: &Question) -> bool {
     let Question::Commit(commit) = question else { return false };
     commit.writes.iter().all(|write| write.key.namespace() == Namespace::Local)
@@ -114,7 +114,7 @@ impl CommitArgs {
         Self { reason, level: AckLevel::Local, within, database }
     }
 
-    /// Commits, on the robot that owns the keys, and reports how far it has got.
+    /// Commits on the robot that owns the keys, and reports the level that was reached.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
         self.send(&self.question(self.reason.clone(), requires, writes))
     }
@@ -125,13 +125,13 @@ impl CommitArgs {
         Question::Commit(Commit { reason, requires, writes, level, within })
     }
 
-    /// Returns why, or else this.
+    /// Returns the reason that the user gave, or else `otherwise`.
     pub(crate) fn reason_or(&self, otherwise: &str) -> String {
         if self.reason.is_empty() { otherwise.to_owned() } else { self.reason.clone() }
     }
 
-    /// Sends a question that is answered like a transaction, to the robot that owns the keys, and reports how far it
-    /// has got.
+    /// Sends a question to the robot that owns the keys, and reports the level that was reached. The answers to the
+    /// question have to be those to a transaction.
     pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
         let (dot, reached) = match self.database.with(async |databases| self.write_on(databases, question).await)? {
             CommitProgress::AckLevel(dot) => (dot, true),
@@ -153,7 +153,7 @@ impl CommitArgs {
         if reached { Ok(()) } else { Err(self.pending()) }
     }
 
-    /// Reports that the write had not reached the requested level.
+    /// Returns the failure that the write has not reached the requested level in time.
     pub(crate) fn pending(&self) -> Failure {
         Failure::Unreachable(anyhow!(
             "it is committed for good and will go on to the others, but had not got as far as asked within {}; `dca db \
@@ -162,7 +162,7 @@ impl CommitArgs {
         ))
     }
 
-    /// Writes, on the robot that owns the keys.
+    /// Writes on the robot that owns the keys.
     pub(crate) async fn write_on(
         &self,
         databases: &Databases<'_>,
@@ -177,7 +177,7 @@ impl CommitArgs {
         }
     }
 
-    /// Asks one robot; answers with the name of another if only that one writes there.
+    /// Asks one robot. If only another robot may write these keys, returns the name of that robot.
     async fn ask(
         &self,
         databases: &Databases<'_>,
@@ -198,14 +198,14 @@ impl CommitArgs {
         }
         match replies.next(clock::now() + self.within + ANSWER_WITHIN).await {
             Ok(Some(Reply::Reached(dot))) => Ok(Ok(CommitProgress::AckLevel(dot))),
-            // The transaction is on a disk, even if the asked robot is gone.
+            // The transaction is on a disk, even if the asked robot cannot be reached any more.
             Ok(Some(Reply::Pending(_)) | None) | Err(Failure::Unreachable(_)) => Ok(Ok(CommitProgress::Pending(dot))),
             Ok(Some(other)) => Err(refusal(&other)),
             Err(failure) => Err(failure),
         }
     }
 
-    /// Sends a transaction to the robot that alone writes there.
+    /// Sends a transaction to the robot that owns its keys.
     async fn forward(
         &self,
         databases: &Databases<'_>,
@@ -239,7 +239,7 @@ impl CommitArgs {
     }
 }
 
-/// Reads a value as in TOML; a parameter may be a quantity, which is a separate text.
+/// Reads a value that is written as in TOML. The value of a parameter may also be a quantity, which becomes a text.
 pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
     Datum::from_toml(value).or_else(|error| {
         let is_quantity = parameters::robot_of(key).is_some() && language::is_quantity(value);
@@ -247,7 +247,7 @@ pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
     })
 }
 
-/// Refuses values that no running program takes; prints a note if this cannot be known.
+/// Refuses values that no running program accepts. Prints a note if this cannot be checked.
 async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result<(), Failure> {
     let mut known: BTreeMap<&str, Vec<InstanceParameters>> = BTreeMap::new();
     let values = writes.iter().filter_map(|write| Some((write.key.as_str(), write.value.as_ref()?)));
@@ -272,7 +272,7 @@ async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result
     Ok(())
 }
 
-/// Reads a level.
+/// Reads a level of acknowledgement.
 fn ack_level(text: &str) -> Result<AckLevel, String> {
     let names = |names: &str| names.split(',').map(str::to_owned).collect::<Vec<_>>();
     match text.split_once(':') {
@@ -287,7 +287,7 @@ fn ack_level(text: &str) -> Result<AckLevel, String> {
     }
 }
 
-/// Reads a time.
+/// Reads a length of time.
 fn time(text: &str) -> Result<Duration, String> {
     let wrong = || "a time is a number with a unit: `500ms`, `2s`, `1.5s`, `1min`".to_owned();
     let at = text.find(|c: char| c.is_ascii_alphabetic()).ok_or_else(wrong)?;

@@ -1,5 +1,5 @@
-//! The programs of a mission that are listened to: their signals, and the wires that are recorded. A program that was started again is
-//! listened to where it is then.
+//! Receives the signals of a mission's programs, and the values of the recorded wires. If a program was restarted
+//! elsewhere, it is received from its new place.
 
 use crate::io::observer::{Observer, ObserverEvent};
 use crate::logic::record::Port;
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use tokio::sync::mpsc::Sender;
 
-/// The streams of a mission that are received.
+/// The signals and values of a mission that are received.
 pub(super) struct Hearing {
     /// The name of the deployment.
     name: String,
@@ -17,11 +17,11 @@ pub(super) struct Hearing {
     team: Option<PathBuf>,
     /// The wires that are recorded.
     ports: Vec<Port>,
-    /// Where signals and values go.
+    /// The receivers of signals and of values.
     sinks: (Sender<ObserverEvent>, Sender<ObserverEvent>),
-    /// Look at signals, and at wires; each from when there is something to look at on.
+    /// The observers of signals and of wires. Each is opened when it has something to observe.
     observers: [Option<Observer>; 2],
-    /// By path, the last reported session of each program, and whether all were reported.
+    /// The last reported session of each program, by path. `is_located` says whether all programs were reported.
     sessions: BTreeMap<String, String>,
     is_located: bool,
 }
@@ -42,7 +42,7 @@ impl Hearing {
         self.ports.iter().find(|port| port.from == from && port.to == to)
     }
 
-    /// Hears the signals of programs.
+    /// Receives the signals of programs.
     pub(super) fn signals(&mut self, signals: &[(String, Dial)]) {
         self.sessions.extend(signals.iter().map(|(path, dial)| (path.clone(), dial.session.clone())));
         if !signals.is_empty() {
@@ -51,7 +51,7 @@ impl Hearing {
         }
     }
 
-    /// Hears programs where they are now. The first time these are all programs, of which those with signals were told before.
+    /// Receives programs at their present places. The first call names all programs; those with signals were reported before by GO.
     pub(super) fn programs(&mut self, deployment: Option<&Deployment>, at: &[(String, Dial)]) {
         let is_first = !std::mem::replace(&mut self.is_located, true);
         let moved = |(path, dial): &&(String, Dial)| match self.sessions.get(path) {
@@ -75,7 +75,7 @@ impl Hearing {
         }
     }
 
-    /// Hears nothing more.
+    /// Receives nothing more.
     pub(super) async fn close(&mut self) {
         for observer in std::mem::take(&mut self.observers).into_iter().flatten() {
             observer.close().await;

@@ -1,4 +1,4 @@
-//! The folder of a record: the first `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
+//! The folder of a record: the first of `runs/NAME-1`, `runs/NAME-2`, … that does not exist yet.
 
 use super::Spec;
 use crate::io::recorder::Recorder;
@@ -14,23 +14,23 @@ use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
-/// How many folders of earlier runs are stepped over to find a free name.
+/// The most folders of earlier runs that are skipped in the search for a free name.
 const RUNS_MAX: u32 = 100_000;
 
-/// The option that names where records are.
+/// The option that names the folder of all records.
 pub(crate) const RUNS: &str = "--runs";
 
-/// The readers of a record and of its page.
+/// The users who may read a record and its page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Readers {
-    /// The user alone. In a team, values reach only users and programs that may see them.
+    /// Only the user of the command. In a team, only users and programs with the right may see values.
     Own,
-    /// As the user's mask says.
+    /// The users that the user's file mode mask allows.
     Usual,
 }
 
 impl Readers {
-    /// Returns the readers of a record of a team, or of a node outside any.
+    /// Returns who may read a record, depending on whether the node is in a team.
     pub(super) fn of(is_in_team: bool) -> Self {
         if is_in_team { Self::Own } else { Self::Usual }
     }
@@ -52,8 +52,8 @@ pub(super) fn start_record(spec: &Spec, runs: &Path, readers: Readers) -> Result
     Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
 }
 
-/// Ends a record, and makes its page. Returns what the record lacks, which is an error whatever the result of the
-/// mission.
+/// Completes a record, and makes its page. If the record is not complete, returns the reason. This is an error, whatever the
+/// result of the mission.
 pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Result<(), anyhow::Error>) {
     let mut files = Files::default();
     let (record, finished) = (recorder.path().to_owned(), recorder.finish());
@@ -62,7 +62,7 @@ pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Res
             files.dropped = dropped;
             Ok(())
         }
-        // The earlier part of the record is good.
+        // The earlier part of the record can be read.
         Err(error) => Err(anyhow!("the record is not complete: {error:#}")),
     };
     let page = record.with_file_name(report::FILE);
@@ -77,7 +77,7 @@ pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Res
     (files, kept)
 }
 
-/// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
+/// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that does not exist yet.
 fn free_folder(runs: &Path, name: &str, readers: Readers) -> anyhow::Result<PathBuf> {
     std::fs::create_dir_all(runs).map_err(|cause| folder::refused(runs, cause, RUNS))?;
     for number in 1..RUNS_MAX {

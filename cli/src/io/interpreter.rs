@@ -1,30 +1,31 @@
-//! Asks the interpreters of Python which package `dca` they load.
+//! Asks the Python interpreters of this machine which package `dca` they load.
 
 use crate::logic::checkup::{Interpreter, Package};
 use comms::logic::human::cause;
 use node::io::programs::{ANSWER_WITHIN, ask_with_trouble};
 use std::path::Path;
 
-/// The interpreter of a virtual environment in this folder, where `dca new --python` makes it.
+/// The interpreter of the virtual environment that `dca new --python` makes in this folder.
 const OF_VENV: &str = ".venv/bin/python";
-/// The interpreter of a module without an environment.
+/// The interpreter that runs a module without a virtual environment.
 const OF_PATH: &str = "python3";
-/// Prints the version of the interpreter at once, and then what it loads: a crash of that leaves the first line.
+/// Prints the version of the interpreter, and then the version and the folder of its package. The first line is printed
+/// even if loading the package crashes.
 const LOOK: &str = "import sys
 print('.'.join(map(str, sys.version_info[:3])), flush=True)
 import dca, os
 print(dca.__version__, os.path.dirname(dca.__file__), sep='\\n')
 ";
 
-/// Returns the interpreter of the environment in this folder, or else that of `PATH`; nothing on a machine without Python.
+/// Returns the interpreter of the virtual environment in this folder, or else that of `PATH`. Returns nothing without Python.
 pub(super) fn found() -> Vec<Interpreter> {
     let venv = Path::new(OF_VENV);
-    // A link that leads nowhere counts as there: the finding says what is wrong with it.
+    // A dangling link also counts as an environment: the finding then says what is wrong with it.
     let path = if venv.symlink_metadata().is_ok() { venv } else { Path::new(OF_PATH) };
     Some(look(path)).into_iter().filter(|one| path == venv || one.version.is_ok()).collect()
 }
 
-/// Asks an interpreter.
+/// Asks an interpreter for its version and its package.
 fn look(path: &Path) -> Interpreter {
     let (shown, is_of_venv) = (path.display().to_string(), path == Path::new(OF_VENV));
     let told = match ask_with_trouble(path, &["-c", LOOK], ANSWER_WITHIN) {

@@ -44,7 +44,7 @@ const NUMBER_MAX: u64 = 32;
 pub(crate) struct Keyring(PathBuf);
 
 impl Keyring {
-    /// Returns the keyring in this folder, or that of this user; it need not exist yet.
+    /// Returns the keyring in this folder, or in the default folder of this user. The folder need not exist yet.
     pub(crate) fn at(folder: Option<&Path>) -> anyhow::Result<Self> {
         let folder = match folder {
             Some(folder) => folder.to_owned(),
@@ -53,7 +53,7 @@ impl Keyring {
         Ok(Self(std::path::absolute(&folder)?))
     }
 
-    /// Returns the names of the teams in it, in order.
+    /// Returns the sorted names of the teams in the keyring.
     pub(crate) fn teams(&self) -> anyhow::Result<Vec<Name>> {
         let entries = match fs::read_dir(&self.0) {
             Ok(entries) => entries,
@@ -70,7 +70,7 @@ impl Keyring {
         Ok(names)
     }
 
-    /// Returns the requested name, or that of the only team.
+    /// Returns the requested team name, or else the name of the only team.
     pub(crate) fn only(&self, asked: Option<Name>) -> anyhow::Result<Name> {
         if let Some(name) = asked {
             return Ok(name);
@@ -83,14 +83,14 @@ impl Keyring {
         }
     }
 
-    /// Checks that a team of this name can be kept here.
+    /// Checks that the keyring can take a team of this name.
     pub(crate) fn check_free(&self, name: &Name) -> anyhow::Result<()> {
         if let Some(there) = self.0.ancestors().find(|folder| is_there(folder)) {
             access(there, Access::WRITE_OK).with_context(|| format!("making a folder in `{}`", there.display()))?;
         }
         let folder = self.0.join(name.as_str());
         ensure!(!folder.join(TEAM).exists(), "there is a team `{name}` in `{}` already", self.0.display());
-        // An empty folder was left by an interrupted command.
+        // An empty folder is left over from an interrupted command.
         let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
         ensure!(
             !is_there(&folder) || is_empty(&folder),
@@ -100,24 +100,24 @@ impl Keyring {
         Ok(())
     }
 
-    /// Keeps a new team. There must not be one of its name.
+    /// Stores a new team. Fails if the keyring already has a team of this name.
     pub(crate) fn begin(&self, root: &LockedKeys, bundle: &Bundle) -> anyhow::Result<()> {
         let folder = self.0.join(bundle.team().name().as_str());
         private_folder(&self.0, true)?;
-        // The command that makes the folder owns the name.
+        // If several commands begin this team, the command that makes the folder may use the name.
         if private_folder(&folder, false).is_err() {
             self.check_free(bundle.team().name())?;
         }
         let written = write_private(&folder.join(ROOT), &root.to_bytes()).and_then(|()| self.keep(bundle));
         if written.is_err() {
-            // No part of it has been given out yet.
+            // The team has no other member yet, so its key can be removed.
             drop(fs::remove_file(folder.join(ROOT)));
         }
         written
     }
 
-    /// Changes the present state of a team, whatever it was when the command began, and keeps it; returns the result of
-    /// `change`, and the team. Two commands change it one after the other.
+    /// Changes the stored state of a team, including changes by other commands, and stores the result. Returns the
+    /// result of `change`, and the team. If two commands change a team, one waits for the other.
     pub(crate) fn change<T>(
         &self,
         name: &Name,
@@ -133,7 +133,7 @@ impl Keyring {
         Ok((changed, bundle))
     }
 
-    /// Keeps the changes of a team.
+    /// Stores the changes of a team.
     fn keep(&self, bundle: &Bundle) -> anyhow::Result<()> {
         let text = bundle.to_text();
         ensure!(text.len() <= BUNDLE_MAX, "the team would have more than {BUNDLE_MAX} bytes");
@@ -151,7 +151,7 @@ impl Keyring {
         Ok(bundle)
     }
 
-    /// Returns the key of a team, behind its passphrase.
+    /// Returns the key of a team, still locked by its passphrase.
     pub(crate) fn root(&self, bundle: &Bundle) -> anyhow::Result<LockedKeys> {
         let path = self.0.join(bundle.team().name().as_str()).join(ROOT);
         ensure!(path.exists(), "the key of the team is not on this machine: there is no `{}`", path.display());
@@ -160,7 +160,7 @@ impl Keyring {
         Ok(locked)
     }
 
-    /// Keeps a user's own keys. They must not be there.
+    /// Stores a user's own keys. Fails if there are keys already.
     pub(crate) fn keep_own(&self, own: &LockedKeys) -> anyhow::Result<PathBuf> {
         private_folder(&self.0, true)?;
         let path = self.0.join(OWN);
@@ -169,9 +169,10 @@ impl Keyring {
         Ok(path)
     }
 
-    /// Returns the number of the next request, which no request of this machine has had, and writes it down. It is the
-    /// time in seconds unless that is used: so a folder that was restored from a copy continues above the numbers it
-    /// has forgotten. An empty file, or a number that no node would accept, is replaced.
+    /// Returns the number of the next request, and stores it. No earlier request of this machine had this number. It is
+    /// the time in seconds, or a higher number if that one is used. So if the folder was restored from an old copy, the
+    /// numbers still exceed those that were used since the copy. An empty file is replaced, and so is a number that no
+    /// node would accept.
     pub(crate) fn next_number(&self, now: UnixTime) -> anyhow::Result<u64> {
         let path = self.0.join(NUMBER);
         let reading = || format!("reading `{}`", path.display());
@@ -193,22 +194,22 @@ impl Keyring {
         Ok(next)
     }
 
-    /// Returns the credential of the holder of a key in a team, with this machine's renewal of it; none if the key has
-    /// no certificate.
+    /// Returns the credential of the member with this key, with its renewal if this machine has one. Returns nothing if
+    /// the key has no certificate.
     pub(crate) fn credential(&self, bundle: &Bundle, key: &KeyId) -> Option<Credential> {
         let own = bundle.credential_of(key)?;
         let path = self.0.join(bundle.team().name().as_str()).join(RENEWED);
         let renewed = read_private(&path, CREDENTIAL_MAX).ok().and_then(|bytes| Credential::from_bytes(&bytes).ok());
-        // A renewal of an earlier certificate has no value any more.
+        // A renewal of an earlier certificate is of no use any more.
         Some(renewed.filter(|renewed| renewed.chain == own.chain).unwrap_or(own))
     }
 
-    /// Keeps the user's own credential, renewed.
+    /// Stores the renewed credential of the user.
     pub(crate) fn keep_renewed(&self, team: &Name, renewed: &Credential) -> anyhow::Result<()> {
         write_private(&self.0.join(team.as_str()).join(RENEWED), &renewed.to_bytes())
     }
 
-    /// Merges the public knowledge about a team into the known one. Returns whether the team was new.
+    /// Merges certificates and revocations into the stored team. Returns whether the team was new.
     pub(crate) fn import(&self, bundle: &Bundle) -> anyhow::Result<bool> {
         let name = bundle.team().name();
         let folder = self.0.join(name.as_str());
@@ -225,21 +226,21 @@ impl Keyring {
                 self.0.display()
             );
             known.merge(bundle)?;
-            // The result can be read again.
+            // This checks that the result can be read again.
             Bundle::from_text(&known.to_text()).context("it does not fit what is known here")?;
             Ok(())
         })?;
         Ok(false)
     }
 
-    /// Returns a user's own keys, behind their passphrase; nothing if there are none.
+    /// Returns a user's own keys, still locked by their passphrase; nothing if there are none.
     pub(crate) fn own(&self) -> anyhow::Result<Option<LockedKeys>> {
         let path = self.0.join(OWN);
         if is_there(&path) { locked(&path).map(Some) } else { Ok(None) }
     }
 }
 
-/// Returns whether the path exists, even as a dangling link, for example to a stick that is not plugged in.
+/// Returns whether the path exists. A dangling link also counts, for example to a USB stick that is not plugged in.
 fn is_there(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }
@@ -265,14 +266,14 @@ fn locked(path: &Path) -> anyhow::Result<LockedKeys> {
     LockedKeys::from_bytes(&bytes).with_context(|| format!("reading `{}`", path.display()))
 }
 
-/// Returns the number after the last one, and nothing if that cannot be one: nodes take none that is far ahead of the time.
+/// Returns the number after the last one; an error if the last one is not valid. Nodes accept no number far ahead of the time.
 fn next_after(last: &[u8], now: UnixTime) -> Result<u64, ()> {
     let last: u64 = std::str::from_utf8(last).ok().and_then(|text| text.trim().parse().ok()).ok_or(())?;
     let next = last.saturating_add(1).max(now.0);
     if next > now.plus(AHEAD_MAX / 2).0 { Err(()) } else { Ok(next) }
 }
 
-/// Reads a file that only its owner, who is this user or root, may read or write.
+/// Reads a file that only its owner may read or write. The owner must be this user or root.
 fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u8>>> {
     let there = fs::metadata(path).with_context(|| format!("reading `{}`", path.display()))?;
     let (mode, own) = (there.mode() & 0o077, rustix::process::getuid().as_raw());
@@ -289,13 +290,13 @@ fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u
 /// The source of a passphrase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Asked {
-    /// An existing passphrase: asked for once.
+    /// An existing passphrase: the user types it once.
     Known,
-    /// It is new: a person types it twice.
+    /// A new passphrase: the user types it twice.
     New,
 }
 
-/// Returns a passphrase: the first line of a private file, else of standard input, where a terminal does not show it.
+/// Reads a passphrase: the first line of a private file or of standard input. A terminal does not show it.
 pub(crate) fn passphrase(file: Option<&Path>, asked: Asked) -> anyhow::Result<Zeroizing<String>> {
     if let Some(path) = file {
         let text = read_private(path, PASSPHRASE_MAX + 2)?;
@@ -313,7 +314,7 @@ pub(crate) fn passphrase(file: Option<&Path>, asked: Asked) -> anyhow::Result<Ze
     Ok(first)
 }
 
-/// Returns a secret that is typed twice at a terminal; nothing if standard input is none.
+/// Reads a secret that the user types twice at a terminal; nothing if standard input is not a terminal.
 pub(crate) fn typed_secret() -> anyhow::Result<Option<Zeroizing<String>>> {
     if !io::stdin().is_terminal() {
         return Ok(None);
@@ -323,8 +324,8 @@ pub(crate) fn typed_secret() -> anyhow::Result<Option<Zeroizing<String>>> {
     Ok(Some(first))
 }
 
-/// Asks a person at a terminal, which shows nothing in the meantime. The interrupt key is read as a character, so that
-/// the terminal always gets its echo back; it means no.
+/// Asks a question at a terminal, which does not show the answer. The interrupt key is read as a character and cancels
+/// the question, so that the terminal always shows typed text again afterwards.
 fn typed(question: &str) -> anyhow::Result<Zeroizing<String>> {
     let stdin = io::stdin();
     let before = tcgetattr(&stdin).context("asking the terminal")?;
@@ -340,7 +341,7 @@ fn typed(question: &str) -> anyhow::Result<Zeroizing<String>> {
     Ok(line)
 }
 
-/// Returns the first line of something that holds a secret.
+/// Returns the first line of a source that contains a secret.
 pub(crate) fn first_line(from: &mut dyn BufRead) -> anyhow::Result<Zeroizing<String>> {
     let mut bytes = Zeroizing::new(Vec::with_capacity(PASSPHRASE_MAX + 2));
     from.take(PASSPHRASE_MAX as u64 + 2).read_until(b'\n', &mut bytes).context("reading the passphrase")?;

@@ -1,4 +1,4 @@
-//! Looks at the machine that this command runs on.
+//! Examines the machine that this command runs on.
 
 use super::interpreter;
 use crate::logic::checkup::{Folder, FoundPolicy, Machine};
@@ -19,8 +19,8 @@ use std::time::Duration;
 /// The command that gives a program a real-time priority. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
 
-/// Returns the present state of this machine; `run` and `state` are the folders that nodes would use, none if the
-/// system has none.
+/// Returns the present state of this machine. `run` and `state` are the folders that nodes would use; `state` is
+/// missing if the system has no such folder.
 pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
     let (interfaces, discovery) = session::discovery().await;
     let folders = vec![("sockets", sockets(run)), ("database", state.map_or_else(no_database, folder))];
@@ -43,7 +43,7 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
     }
 }
 
-/// Returns the policy of this machine, or those of the nodes whose states are below this folder.
+/// Returns the policy of this machine, or the policies of the nodes whose states are below this folder.
 fn policies(state: Option<&Path>) -> Vec<Result<FoundPolicy, String>> {
     let found = |node: Option<&Path>| {
         let found = policy::find(node).map_err(|error| format!("{error:#}")).transpose()?;
@@ -66,7 +66,7 @@ fn listen() -> io::Result<()> {
     TcpListener::bind((IpAddr::from(Ipv4Addr::UNSPECIFIED), 0)).map(drop)
 }
 
-/// Tries it with a program that does nothing.
+/// Tries to give a real-time priority to a program that does nothing.
 fn realtime() -> Result<(), String> {
     match asked(Path::new(CHRT), &["--fifo", "1", "true"], ANSWER_WITHIN) {
         Ok((_, true)) => Ok(()),
@@ -75,7 +75,7 @@ fn realtime() -> Result<(), String> {
     }
 }
 
-/// Looks at the folder that nodes would have their sockets in; a node there has a name of one letter at least.
+/// Examines the folder for the sockets of nodes. The name of a node has at least one letter.
 fn sockets(run: &Path) -> Folder {
     let found = folder(run);
     match RunDir::path_of(run, "n") {
@@ -84,14 +84,13 @@ fn sockets(run: &Path) -> Folder {
     }
 }
 
-/// Returns the result for a node that has no folder for its database: none was given, and this user has none by
-/// default.
+/// Returns the result for a node that has no folder for its database: the user named none, and the system has no default.
 fn no_database() -> Folder {
     let why = "there is no `HOME`, and no `--state` names another folder".to_owned();
     Folder { path: "$HOME/.local/state/dca".to_owned(), free: None, writing: Err(why) }
 }
 
-/// Looks at a folder; if it does not exist yet, at the one that it would be made in.
+/// Examines a folder. If it does not exist yet, examines the folder in which it would be made.
 fn folder(path: &Path) -> Folder {
     let there = path.ancestors().find(|path| path.exists()).unwrap_or(path);
     let path = path.display().to_string();
@@ -109,7 +108,7 @@ fn shim(path: &Path) -> Result<String, String> {
     version.ok_or_else(|| format!("`{}` does not say its version", path.display()))
 }
 
-/// Returns the output of a program, and whether it ends well.
+/// Runs a program. Returns its output, and whether it ended without an error.
 fn asked(program: &Path, arguments: &[&str], within: Duration) -> Result<(String, bool), String> {
     let (text, status) = programs::ask(program, arguments, within)
         .map_err(|error| format!("`{}`: {}", program.display(), cause(&error)))?;
@@ -130,7 +129,7 @@ mod tests {
         let base = std::env::temp_dir();
         let found = folder(&base.join("dca-not-there/at/all"));
         assert!(found.writing.is_ok() && found.free.is_some_and(|free| free > 0), "{found:?}");
-        // A place that even root cannot write to.
+        // Even root cannot write to this place.
         assert!(folder(Path::new("/proc/1/dca")).free.is_some_and(|free| free == 0));
         for file in ["/dev/null", "/dev/null/below"] {
             let why = folder(Path::new(file)).writing.unwrap_err();

@@ -1,6 +1,6 @@
-//! Reads files that a person or a folder names. Only regular files are read, whole, up to a limit, and without waiting.
+//! Reads files that a user or an entry of a folder names. Reads only regular files up to a limit, and never waits.
 //!
-//! A name in a folder may belong to anything. Opening a named pipe waits for a writer, a device may have no end, and a
+//! An entry of a folder may be of any kind. Opening a named pipe waits for a writer, a device may have no end, and a
 //! regular file may be larger than the memory.
 
 use anyhow::anyhow;
@@ -10,32 +10,32 @@ use node::console::Failure;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-/// The longest spec, script or import, in bytes: as much as the compiler takes of one text.
+/// The largest size of a spec, script or import, in bytes: the compiler takes no longer text.
 pub const TEXT_MAX: usize = language::SOURCE_MAX;
 
-/// Returns the text of a regular file that has at most `bytes_max` bytes.
+/// Returns the text of a regular file of at most `bytes_max` bytes.
 ///
 /// # Errors
-/// Like [`bytes`], or the content is not UTF-8 text.
+/// The same as for [`bytes`], or the content is not UTF-8 text.
 pub fn text(path: &Path, bytes_max: usize) -> io::Result<String> {
     utf8(bytes(path, bytes_max)?)
 }
 
-/// Returns the content of standard input, of any kind, up to its end.
+/// Returns the text on standard input, up to its end. Standard input may be of any kind.
 ///
 /// # Errors
-/// It cannot be read, has more than `bytes_max` bytes, or is not UTF-8 text.
+/// Standard input cannot be read, has more than `bytes_max` bytes, or is not UTF-8 text.
 pub fn standard_input(bytes_max: usize) -> io::Result<String> {
     utf8(bounded(io::stdin().lock(), bytes_max)?)
 }
 
-/// Whether two paths lead to the same existing file.
+/// Returns whether two paths lead to the same existing file.
 pub fn are_same(one: &Path, other: &Path) -> bool {
     let real = |path: &Path| path.canonicalize().ok();
     real(one).is_some_and(|one| Some(one) == real(other))
 }
 
-/// Checks that a command does not write over a file that it reads.
+/// Checks that a command does not overwrite a file that it reads.
 ///
 /// # Errors
 /// `output` is one of `inputs`.
@@ -106,7 +106,7 @@ mod tests {
         fs::remove_dir_all(folder).unwrap();
     }
 
-    /// A file may report no length, and may have a terabyte without a block on the disk.
+    /// The size that a file reports may be wrong: some files report none, and others a terabyte without a block on the disk.
     #[test]
     fn a_limit_holds_whatever_the_file_says_of_itself() {
         let folder = folder("limit");

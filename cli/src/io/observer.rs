@@ -16,10 +16,10 @@ use team::visitor::VisitorIdentity;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::JoinSet;
 
-/// How long a program has to be reached before people are told that it is not seen yet.
+/// How long a program may take to be reached. After this time, the user is told that it is not seen yet.
 const DIAL_WITHIN: Duration = Duration::from_secs(2);
 
-/// How many programs may be moved while others are dialled; of more nothing is seen.
+/// The most moved programs that wait while others are dialled. Further programs are not observed.
 const MORE_MAX: usize = 256;
 
 /// The longest value of a port that is recorded, in bytes.
@@ -30,7 +30,7 @@ const VALUE_MAX: usize = 1 << 20;
 pub struct Sample {
     /// Absolute path of the program.
     pub path: String,
-    /// When it arrived here.
+    /// When the sample arrived here.
     pub arrived: Time,
     /// The signals.
     pub signals: Signals,
@@ -45,18 +45,18 @@ pub enum ObserverEvent {
     Port {
         /// The output, as in [`Port`].
         from: String,
-        /// As in [`Port`].
+        /// The input, as in [`Port`].
         to: String,
-        /// When it arrived here.
+        /// When the value arrived here.
         arrived: Time,
         /// The value.
         bytes: Vec<u8>,
     },
-    /// A sentence for a person: one source, or none at all, can be seen.
+    /// A sentence for a person: one source cannot be seen, or none at all.
     Unseen(String),
 }
 
-/// A source: its kind, where it is dialled, and its key.
+/// A source: its kind, its address, and its key.
 #[derive(Debug)]
 struct Source {
     key: String,
@@ -81,11 +81,11 @@ impl EventKind {
     }
 }
 
-/// A session that opens, or is open.
+/// A data session that is being opened or is open.
 #[derive(Debug)]
 pub struct Observer {
     opening: JoinSet<Option<Opened>>,
-    /// Programs that are looked at from now on.
+    /// Receives further programs to observe.
     more: Sender<Vec<Source>>,
 }
 
@@ -96,8 +96,8 @@ struct Opened {
 }
 
 impl Observer {
-    /// Opens an observer that watches nothing yet. Its events go to `sink`; samples are left out when it is full. In a
-    /// team `team` is the file with the credentials that the node of this machine gives its programs.
+    /// Opens an observer that watches nothing yet. Its events go to `sink`; when `sink` is full, samples are left out.
+    /// In a team, `team` is the file with the credentials that the node of this machine gives its programs.
     pub fn open(team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
         let (more, sources) = mpsc::channel(MORE_MAX);
         let mut opening = JoinSet::new();
@@ -105,8 +105,8 @@ impl Observer {
         Self { opening, more }
     }
 
-    /// Dials every program of `sources` (instance path, where to dial), all at once, and hears its signals. A program that was looked at
-    /// before has been started again elsewhere.
+    /// Dials all programs of `sources` (instance path, address) at once, and receives their signals. If a program is
+    /// named again, it was restarted elsewhere.
     pub fn signals(&self, robot: &str, sources: &[(String, Dial)]) {
         let source = |(path, dial): &(String, Dial)| Source {
             key: key::signals(robot, path),
@@ -116,7 +116,8 @@ impl Observer {
         self.also(sources.iter().map(source).collect());
     }
 
-    /// Dials the producers of some wires; else as [`Observer::signals`] does. Values that are too long are left out.
+    /// Dials the producers of some wires and receives their values, as [`Observer::signals`] does for signals. Values
+    /// that are too long are left out.
     pub fn ports(&self, deployment: &Deployment, ports: &[(Port, Dial)], is_team: bool) {
         let source = |(port, dial): &(Port, Dial)| {
             let what = EventKind::Port(port.from.clone(), port.to.clone());
@@ -133,7 +134,7 @@ impl Observer {
         }
     }
 
-    /// Closes the session; waits for dials in progress, which takes 2 s at most.
+    /// Closes the session. Waits for programs that are being dialled, for at most 2 s.
     pub async fn close(self) {
         let Self { mut opening, more } = self;
         drop(more);
@@ -148,14 +149,14 @@ impl Observer {
     }
 }
 
-/// Opens a data session that only dials, and returns how it calls. In a team `team` is the file with the credentials
-/// that the node of this machine gives to visitors.
+/// Opens a data session that dials but does not listen, and returns how it makes calls. In a team, `team` is the file
+/// with the credentials that the node of this machine gives to visitors.
 pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)> {
     let Some(file) = team else { return Ok((DataSession::open_observer(None)?, CallWay::Open)) };
     let identity = Arc::new(VisitorIdentity::open(file)?);
     let signs = Arc::clone(&identity);
     let way = CallWay::Signed(Visitor(Arc::new(move |digest| Some(signs.sign_visit(digest)))));
-    // The node's own folder, which only this user can enter.
+    // This is the folder of the node, which only this user can enter.
     let folder = file.parent().unwrap_or(Path::new("/")).to_owned();
     Ok((DataSession::open_observer(Some((identity, folder)))?, way))
 }
@@ -163,7 +164,7 @@ pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)
 async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Option<Opened> {
     let unseen = async |what: String| drop(sink.send(ObserverEvent::Unseen(what)).await);
     let mut sources = more.recv().await?;
-    // Zenoh's own calls block.
+    // Zenoh's calls block the thread.
     let opened = tokio::task::spawn_blocking(move || open(team.as_deref())).await;
     let session = match opened.map_err(anyhow::Error::from).flatten() {
         Ok((session, _)) => Arc::new(session),
@@ -177,7 +178,7 @@ async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Send
         let mut dialling = JoinSet::new();
         for source in sources {
             let (session, sink) = (Arc::clone(&session), sink.clone());
-            // A key that is already heard is also heard from the new program.
+            // If a key is already received, it is also received from the restarted program.
             let is_heard = heard.contains(&source.key);
             dialling.spawn_blocking(move || (source.key.clone(), reach(&session, source, sink, is_heard)));
         }
@@ -203,8 +204,8 @@ async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Send
     }
 }
 
-/// Hears a source, if necessary from the moment it is reached; returns why not, or not yet. A source that is already
-/// heard is only reached.
+/// Receives a source, if necessary once it can be reached. Returns why this failed, or why it has to wait. If the
+/// source is already received, only dials it.
 fn reach(
     session: &DataSession,
     source: Source,
@@ -213,7 +214,7 @@ fn reach(
 ) -> (Option<Subscription>, Option<String>) {
     let Source { key, dial, what } = source;
     let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
-    // A distant program takes longer.
+    // A distant program may take longer, so the session continues to dial it.
     let is_kept = dialled.is_err() && !dial.locators.is_empty();
     let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
     let hears = linked.and_then(|()| (!is_heard).then(|| hear(session, &key, what, sink)).transpose());
@@ -243,13 +244,13 @@ fn hear(
     };
     session.on_sample(key, move |bytes| {
         for sample in samples(&path, &bytes, clock::now()) {
-            // A full queue means that the screen or the disk is slow; the robot must not feel it.
+            // The queue is full if the screen or the disk is slow. This must not slow down the robot.
             sink.try_send(ObserverEvent::Sample(sample)).unwrap_or_default();
         }
     })
 }
 
-/// Returns the samples of a message: itself, or one for each peak between two samples, with its time.
+/// Returns the samples in a message: the message is one sample, or it has one sample for each peak between two samples, with its time.
 pub(crate) fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
     let path = path.to_owned();
     if let Ok(signals) = codec::decode::<Signals>(bytes) {
@@ -294,8 +295,7 @@ mod tests {
         opening.await.unwrap()
     }
 
-    /// A source that is not there within the time, as on the other side of a long link, is reported, and seen from when
-    /// it is.
+    /// A source may not be reached in time, for example over a slow link. It is reported, and received once it is reached.
     #[tokio::test(flavor = "multi_thread")]
     async fn a_source_that_is_reached_late_is_seen_from_then_on() {
         let folder = std::env::temp_dir().join(format!("dca-observer-late-{}", std::process::id()));
@@ -360,7 +360,7 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A program that was started again has another session, and the same key.
+    /// A restarted program has another session, and the same key.
     #[tokio::test(flavor = "multi_thread")]
     async fn a_program_that_was_started_again_is_seen_once_more() {
         let folder = std::env::temp_dir().join(format!("dca-observer-again-{}", std::process::id()));

@@ -1,9 +1,9 @@
 //! Writes the record of a run, on a separate thread.
 //!
-//! The queue to it is bounded and no producer ever waits for it: samples that find it full are dropped and counted.
-//! Reports have as much room again, so that a burst of samples cannot push them out. Data older than a second is on the
-//! file system, in whole chunks and with an end behind them: a killed recorder loses no more than that, and any reader
-//! opens the rest.
+//! The queue to the thread is bounded, and no producer ever waits for it. If the queue is full, samples are dropped and
+//! counted. Reports may use twice the length, so that many samples at once cannot displace them. Data older than a
+//! second is in the file, in whole chunks and followed by an end. So a recorder that is killed loses at most the last
+//! second, and any reader opens the rest.
 
 mod disk;
 mod queue;
@@ -27,9 +27,9 @@ use std::time::Duration;
 
 /// Name of a record in the folder of its run.
 pub const FILE: &str = "run.mcap";
-/// The longest record that is read, in bytes: as much again in memory.
+/// The largest record that is read, in bytes. Reading it takes as much memory again.
 const RECORD_MAX: usize = 1 << 30;
-/// How much can be lost when the recorder is killed.
+/// The last part of a record that may be lost if the recorder is killed.
 pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
 /// An error of the recorder.
@@ -38,7 +38,7 @@ pub enum RecordError {
     /// The folder or the file cannot be made.
     #[error("creating the record `{path}`: {cause}")]
     Create {
-        /// Of the record.
+        /// The path of the record.
         path: PathBuf,
         /// The error of the system.
         cause: io::Error,
@@ -46,7 +46,7 @@ pub enum RecordError {
     /// The file cannot be written.
     #[error("writing the record `{path}`: {}", reason(cause))]
     Write {
-        /// Of the record.
+        /// The path of the record.
         path: PathBuf,
         /// The error of the library that writes the format.
         cause: McapError,
@@ -54,7 +54,7 @@ pub enum RecordError {
     /// The file cannot be opened.
     #[error("reading the record `{path}`: {cause}")]
     Open {
-        /// Of the record.
+        /// The path of the record.
         path: PathBuf,
         /// The error of the system.
         cause: io::Error,
@@ -62,15 +62,15 @@ pub enum RecordError {
     /// The file is not a record.
     #[error("reading the record `{path}`: {cause}")]
     Read {
-        /// Of the record.
+        /// The path of the record.
         path: PathBuf,
-        /// Why it cannot be read.
+        /// The reason.
         cause: ReadError,
     },
 }
 
 impl RecordError {
-    /// Whether it is about an existing record that cannot be read completely: damaged, cut, or of a later version.
+    /// Returns whether the error is about a record that exists but cannot be read completely: it is damaged, cut, or of a later version.
     pub fn is_of_a_record(&self) -> bool {
         match self {
             Self::Read { cause, .. } => !matches!(cause, ReadError::Foreign(_)),
@@ -79,36 +79,36 @@ impl RecordError {
     }
 }
 
-/// Returns the system's words where there are some, which the library leaves out.
+/// Returns the message of the system, if there is one: the library leaves it out.
 fn reason(error: &McapError) -> String {
     if let McapError::Io(error) = error { cause(error) } else { error.to_string() }
 }
 
-/// Returns the record with this name, or in the folder with this name.
+/// Returns the path of a record: `named` itself, or the record in this folder.
 pub fn file(named: &Path) -> PathBuf {
     if named.is_dir() { named.join(FILE) } else { named.to_owned() }
 }
 
-/// Reads a record, as far as it goes.
+/// Reads the readable part of a record.
 ///
 /// # Errors
-/// When there is no such file, or it does not name its run.
+/// There is no such file, or the file does not name its run.
 pub fn read(path: &Path) -> Result<Run, RecordError> {
     read_as(path, Run::from_bytes)
 }
 
-/// Reads a record with the values of wires, as far as it goes.
+/// Reads the readable part of a record, including the values of wires.
 ///
 /// # Errors
-/// As of [`read`].
+/// The same as for [`read`].
 pub fn read_with_values(path: &Path) -> Result<Run, RecordError> {
     read_as(path, Run::with_values)
 }
 
-/// Reads the messages of a record, as far as it goes.
+/// Reads the messages in the readable part of a record.
 ///
 /// # Errors
-/// When there is no such file, or it has no whole message.
+/// There is no such file, or it has no whole message.
 pub(crate) fn read_timeline(path: &Path) -> Result<Timeline, RecordError> {
     read_as(path, Timeline::from_bytes)
 }
@@ -119,21 +119,21 @@ fn read_as<T>(path: &Path, read: impl Fn(&[u8]) -> Result<T, ReadError>) -> Resu
     read(&bytes).map_err(|cause| RecordError::Read { path: path.to_owned(), cause })
 }
 
-/// A record that is being written. Dropped, it is finished without a word.
+/// A record that is being written. If it is dropped, it is ended without a message.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
     queue: Arc<Queue>,
     thread: Option<JoinHandle<Result<(), McapError>>>,
-    /// When it began: since 1970, which may be wrong, and on the clock that does not jump.
+    /// When the record began: as the time since 1970, which may be wrong, and on a clock that does not jump.
     begun: (Duration, Time),
 }
 
 impl Recorder {
-    /// Begins the record `run.mcap` in `folder`, which is made if necessary. An existing record is replaced.
+    /// Begins the record `run.mcap` in `folder`, and makes the folder if necessary. An existing record is replaced.
     ///
     /// # Errors
-    /// When the file cannot be made, or the header cannot be written.
+    /// The file cannot be made, or the header cannot be written.
     pub fn create(folder: &Path, header: &Header) -> Result<Self, RecordError> {
         let path = folder.join(FILE);
         let made = fs::create_dir_all(folder).and_then(|()| File::create(&path));
@@ -152,7 +152,7 @@ impl Recorder {
         &self.path
     }
 
-    /// Records an entry, or counts it as dropped when there is no room. Never waits.
+    /// Records an entry. If the queue is full, counts it as dropped. Never waits.
     pub fn push(&self, entry: Entry) {
         let limit = match entry {
             Entry::Report(_) | Entry::Output { .. } => queue::REPORTS,
@@ -163,15 +163,15 @@ impl Recorder {
         self.queue.push(entry, since_1970 + (clock::now() - since), limit);
     }
 
-    /// Returns whether the record has broken off: nothing more is written, and [`Recorder::finish`] has the reason.
+    /// Returns whether the record has broken off. Then nothing more is written, and [`Recorder::finish`] returns the reason.
     pub fn has_broken_off(&self) -> bool {
         self.thread.as_ref().is_some_and(JoinHandle::is_finished)
     }
 
-    /// Writes the entries still in the queue and ends the record. Returns its path, and how many entries were dropped.
+    /// Writes the entries that are still in the queue, and ends the record. Returns its path, and the number of dropped entries.
     ///
     /// # Errors
-    /// When something could not be written, now or before: the record is good up to there.
+    /// Something could not be written, now or earlier. The record is readable up to that point.
     pub fn finish(mut self) -> Result<(PathBuf, u64), RecordError> {
         let path = self.path.clone();
         match self.end() {
@@ -180,7 +180,7 @@ impl Recorder {
         }
     }
 
-    /// Ends the record and removes it, with its folder if nothing else is there.
+    /// Stops the recorder and removes the record. Also removes its folder if nothing else is in it.
     pub fn discard(mut self) {
         let ended = self.end().map_err(|error| reason(&error));
         let removed = fs::remove_file(&self.path).and_then(|()| self.path.parent().map_or(Ok(()), fs::remove_dir));
@@ -208,7 +208,7 @@ impl Drop for Recorder {
     }
 }
 
-/// The writing end.
+/// The part of the recorder that writes, on its own thread.
 struct Log {
     writer: Writer<NoSeek<Disk>>,
     disk: Disk,
@@ -221,7 +221,7 @@ struct Log {
 
 impl Log {
     fn begin(file: File, header: &Header) -> Result<Self, McapError> {
-        // Without seeking a chunk reaches the file in one piece: there is never half of one to be repaired.
+        // Without seeking, each chunk reaches the file in one piece. So the file never ends in a part of a chunk.
         let options = WriteOptions::new().compression(None).disable_seeking(true).profile("dca");
         let disk = Disk::new(file);
         let mut writer = options.create(NoSeek::new(disk.clone()))?;
@@ -244,7 +244,7 @@ impl Log {
     fn run(mut self, queue: &Queue) -> Result<(), McapError> {
         let result = self.follow(queue);
         if result.is_err() {
-            // The queue will not be emptied any more.
+            // Nothing takes entries out of the queue any more.
             queue.close();
         }
         result
@@ -276,7 +276,7 @@ impl Log {
         let header = MessageHeader { channel_id: self.channels[topic], sequence, log_time, publish_time: log_time };
         self.writer.write_to_known_channel(&header, &data)?;
         self.entries += 1;
-        // The entries' own time will do; a clock is needed only when none come, and then the queue has it.
+        // The arrival times of entries are enough as a clock. When no entries arrive, the timeout of the queue is the clock.
         if arrived.saturating_sub(*self.flushed.get_or_insert(arrived)) >= FLUSH_EVERY {
             self.flush()?;
             self.flushed = Some(arrived);

@@ -1,4 +1,4 @@
-//! A terminal that a view draws on: it is given back as it was on every end, also after a panic.
+//! A terminal that a view draws on. Its previous state is restored at every end, including a panic.
 
 use crate::logic::keys::{Key, keys};
 use crate::output;
@@ -14,16 +14,16 @@ use std::io::{self, Write};
 use std::sync::{Mutex, PoisonError};
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
-/// How long one wait for a key takes at most, in nanoseconds. [`Keys::rest`] waits this long at most.
+/// The longest wait for a key, in nanoseconds. [`Keys::rest`] also waits at most this long.
 const KEY_WITHIN: i64 = 100_000_000;
-/// The other screen, without a cursor; and back. Source: ctlseqs of xterm, DECSET 1049 and DECTCEM.
+/// Switch to the other screen and hide the cursor; and the reverse. Source: ctlseqs of xterm, DECSET 1049 and DECTCEM.
 const ENTER: &str = "\x1b[?1049h\x1b[?25l\x1b[2J";
 const LEAVE: &str = "\x1b[0m\x1b[?25h\x1b[?1049l";
 
-/// The terminal's own settings, while a view has it.
+/// The original settings of the terminal, while a view uses it.
 static BEFORE: Mutex<Option<Termios>> = Mutex::new(None);
 
-/// The terminal of this command, which is given back when this is dropped.
+/// The terminal while a view uses it. Dropping this restores the terminal.
 #[derive(Debug)]
 pub(crate) struct Taken(());
 
@@ -33,7 +33,7 @@ pub(crate) fn is_there() -> bool {
 }
 
 impl Taken {
-    /// Takes the terminal over: keys come one by one, and are not shown.
+    /// Takes over the terminal. Each key is read at once, and is not shown.
     ///
     /// # Errors
     /// Standard input or output is not a terminal.
@@ -48,7 +48,7 @@ impl Taken {
         Ok(taken)
     }
 
-    /// Has a panic give the terminal back before it is reported.
+    /// Lets a panic restore the terminal before the panic is reported.
     pub(crate) fn give_back_on_panic() {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
@@ -64,11 +64,11 @@ impl Drop for Taken {
     }
 }
 
-/// Gives the terminal back, if a view has it.
+/// Restores the terminal, if a view uses it.
 fn give_back() {
     let before = BEFORE.lock().unwrap_or_else(PoisonError::into_inner).take();
     if let Some(before) = before {
-        // A terminal that is gone needs nothing.
+        // If the terminal does not exist any more, nothing has to be restored.
         drop(write(LEAVE));
         tcsetattr(io::stdin(), OptionalActions::Flush, &before).unwrap_or_default();
     }
@@ -80,7 +80,7 @@ fn write(text: &str) -> io::Result<()> {
     out.flush()
 }
 
-/// The keys, each read when it is asked for. Between two requests another part of the command may read the terminal.
+/// Reads keys, but only on request. Between two requests, another part of the command may read the terminal.
 #[derive(Debug)]
 pub(crate) struct Keys {
     requests: Sender<()>,
@@ -92,11 +92,11 @@ impl Keys {
     /// Starts the reader.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system cannot start another thread.
     pub(crate) fn new() -> io::Result<Self> {
         let (requests, mut asked) = mpsc::channel(1);
         let (sink, pressed) = mpsc::channel(1);
-        // The thread ends with the process, or when nothing asks it any more.
+        // The thread ends with the process, or when the sender of requests is dropped.
         std::thread::Builder::new().name("dca-keys".to_owned()).spawn(move || {
             while asked.blocking_recv().is_some() {
                 if sink.blocking_send(read_keys()).is_err() {
@@ -107,10 +107,10 @@ impl Keys {
         Ok(Self { requests, pressed, is_waiting: false })
     }
 
-    /// Returns the next keys: none after a short time without one.
+    /// Returns the next keys; no keys if none was pressed for a short time.
     ///
     /// # Errors
-    /// The terminal is gone.
+    /// The terminal does not exist any more.
     ///
     /// # Cancellation
     /// Safe.
@@ -123,7 +123,7 @@ impl Keys {
         pressed.unwrap_or_else(|| Err(io::ErrorKind::BrokenPipe.into()))
     }
 
-    /// Waits until nothing reads the terminal.
+    /// Waits until the thread does not read the terminal.
     pub(crate) async fn rest(&mut self) {
         if self.is_waiting {
             drop(self.next().await);
@@ -171,7 +171,7 @@ impl Backend for Drawer {
                 style = Some(new);
             }
             self.pending.push_str(cell.symbol());
-            // After a wide character the place of the cursor differs between terminals.
+            // Terminals disagree about the position of the cursor after a wide character.
             last = (cell.symbol().len() == 1).then_some((x + 1, y));
         }
         self.pending.push_str("\x1b[0m");
@@ -249,14 +249,14 @@ mod tests {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use std::process::Command;
 
-    /// Panics while it has the terminal.
+    /// Panics while a view uses the terminal.
     #[test]
     #[ignore = "started by `a_panic_gives_the_terminal_back`, on a terminal"]
     fn panics_on_the_terminal() {
         Taken::give_back_on_panic();
         let taken = Taken::take().unwrap();
         assert!(!tcgetattr(io::stdin()).unwrap().local_modes.contains(rustix::termios::LocalModes::ICANON));
-        // A part of the view that is lost with its task gives nothing back when it is dropped.
+        // In a real view, `Taken` may be lost with its task, so it is not dropped.
         std::mem::forget(taken);
         panic!("the view is broken");
     }

@@ -1,4 +1,4 @@
-//! A data session of the command line that hears the outputs of programs while they work.
+//! A data session of the command line that receives the outputs of running programs.
 
 use crate::io::observer;
 use crate::io::value_queue::SharedQueue;
@@ -17,29 +17,29 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// How long a program has to be reached, and then to answer: the longest way there and back is 3 s, and to dial takes four.
+/// How long a program may take to be linked, which takes four round trips of up to 3 s each.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
-/// The pause before a program without a known server is asked again.
+/// The pause before a program is asked again, if its server was not known yet.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
 
 /// The session, and the values it receives.
 pub(crate) struct Taps {
     session: Arc<DataSession>,
-    /// How it calls.
+    /// The way in which the session makes calls.
     way: CallWay,
     subscriptions: Vec<Subscription>,
-    /// How many calls it has made.
+    /// The number of calls that were made.
     called: AtomicU64,
-    /// How long a link may take, and each answer except that of a call.
+    /// How long a link may take, and how long each answer may take. The answer to a call has its own limit.
     within: (Duration, Duration),
 }
 
 impl Taps {
-    /// Opens the session; it has no links yet. In a team `team` is the file with the credentials that the node of this
-    /// machine gives its programs.
+    /// Opens the session, which has no links yet. In a team, `team` is the file with the credentials that the node of
+    /// this machine gives its programs.
     pub(crate) async fn open(team: Option<PathBuf>) -> Result<Self, Failure> {
-        // Zenoh's own calls block.
+        // Zenoh's calls block the thread.
         let opened =
             tokio::task::spawn_blocking(move || observer::open(team.as_deref())).await.map_err(anyhow::Error::from)?;
         let (session, way) = opened?;
@@ -52,7 +52,7 @@ impl Taps {
         })
     }
 
-    /// Takes as long as this for a link, and for each answer.
+    /// Sets how long a link may take, and each answer.
     #[must_use]
     pub(crate) fn within(mut self, limit: Duration) -> Self {
         self.within = (limit, limit);
@@ -64,30 +64,30 @@ impl Taps {
         self.within.0
     }
 
-    /// Links to a program, and keeps linked to it.
+    /// Links to a program, and keeps the link.
     pub(crate) async fn dial(&self, dial: Dial) -> Result<(), Failure> {
         let (session, (within, _)) = (Arc::clone(&self.session), self.within);
         let dialled = tokio::task::spawn_blocking(move || session.dial(&dial, within)).await;
         dialled.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))
     }
 
-    /// Dials a program no more.
+    /// Stops dialling a program.
     pub(crate) fn forget(&self, session: &str) {
         self.session.forget(session);
     }
 
-    /// Asks a program for its outputs; none if it does not list them.
+    /// Asks a program for its outputs; returns nothing if the program does not list them.
     pub(crate) async fn outputs(&self, robot: &str, path: &str) -> Result<Option<Outputs>, Failure> {
         self.described(key::outputs(robot, path)).await
     }
 
-    /// Asks a program for its exports; none if it does not list them.
+    /// Asks a program for its exports; returns nothing if the program does not list them.
     pub(crate) async fn exports(&self, robot: &str, path: &str) -> Result<Option<Exports>, Failure> {
         self.described(key::exports(robot, path)).await
     }
 
-    /// Asks a program for information that it always gives. Behind a link that has just been made, its server may not
-    /// be known yet.
+    /// Asks a program for information that every program gives. If the link is new, the session may not know the
+    /// program's server yet, so it asks again.
     async fn described<T: Enveloped>(&self, key: String) -> Result<Option<T>, Failure> {
         let (_, within) = self.within;
         let until = clock::now() + within;
@@ -102,7 +102,7 @@ impl Taps {
         }
     }
 
-    /// Hears a key from now on, until the subscription is dropped, which may block.
+    /// Receives a key from now on, until the subscription is dropped. Dropping it may block.
     pub(crate) async fn listen(
         &self,
         key: String,
@@ -113,8 +113,8 @@ impl Taps {
         Ok(heard.map_err(anyhow::Error::from)?.map_err(anyhow::Error::from)?)
     }
 
-    /// Hears an output from now on, wherever its program is started again. Each value goes to `values` with `number`; when it is
-    /// full, the oldest values are left out, and the numbers of the others show it.
+    /// Receives an output from now on, even if its program is restarted elsewhere. Each value goes to `values` with
+    /// `number`. When `values` is full, it drops the oldest values, and the numbers of the values show the gap.
     pub(crate) async fn hear(
         &mut self,
         robot: &str,
@@ -133,7 +133,7 @@ impl Taps {
         Ok(())
     }
 
-    /// Returns a call of a procedure or state. No user has signed it yet.
+    /// Prepares a call of a procedure or state. The call is not signed yet.
     pub(crate) fn prepare(&self, exported: &Exported, argument: Vec<u8>, within: Duration) -> ObjectCall {
         let number = self.called.fetch_add(1, Ordering::Relaxed);
         ObjectCall {

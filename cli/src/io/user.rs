@@ -5,7 +5,7 @@ pub(crate) fn name_and_host() -> String {
     format!("{}@{}", name(), rustix::system::uname().nodename().to_string_lossy())
 }
 
-/// Returns the name of the user; the user id if `/etc/passwd` does not have it.
+/// Returns the name of the user, or the user id if `/etc/passwd` does not list the user.
 pub(crate) fn name() -> String {
     let uid = rustix::process::getuid().as_raw().to_string();
     let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();

@@ -1,10 +1,10 @@
-//! Values on their way from the threads of a data session to the task that shows them.
+//! Passes values from the threads of a data session to the task that shows them.
 
 use crate::logic::value_queue::{Queued, ValueQueue};
 use std::sync::{Mutex, PoisonError};
 use tokio::sync::Notify;
 
-/// A queue that never makes its producers wait. One task takes values out.
+/// A queue that never makes its senders wait. One task receives the values.
 #[derive(Debug)]
 pub(crate) struct SharedQueue<S, V> {
     values: Mutex<ValueQueue<S, V>>,
@@ -12,7 +12,7 @@ pub(crate) struct SharedQueue<S, V> {
 }
 
 impl<S: Ord + Clone, V> SharedQueue<S, V> {
-    /// Adds a value of so many bytes.
+    /// Adds a value of this size in bytes.
     pub(crate) fn push(&self, source: &S, size: usize, value: V) {
         self.values.lock().unwrap_or_else(PoisonError::into_inner).push(source, size, value);
         self.came.notify_one();

@@ -1,4 +1,4 @@
-//! Writes a file under another name beside it, and renames it once it is whole.
+//! Writes a file under a temporary name, and renames it when it is complete.
 
 use anyhow::{Context, bail};
 use rustix::fs::OFlags;
@@ -8,10 +8,10 @@ use std::io::{self, Write};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// Writes a whole file: all of it, or none. A terminal, a device or a pipe with a reader gets the bytes directly.
+/// Writes a file completely or not at all. A terminal, a device or a pipe with a reader gets the bytes directly.
 ///
 /// # Errors
-/// The disk refuses, a folder or a socket has the name, or the pipe has no reader. An existing file is unchanged.
+/// The disk refuses, or the path is a folder or a socket, or the pipe has no reader. An existing file stays unchanged.
 pub fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let kind = fs::metadata(path).map(|there| there.file_type());
     if kind.is_ok_and(|kind| kind.is_char_device() || kind.is_fifo()) {
@@ -22,7 +22,7 @@ pub fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     file.finish()
 }
 
-/// Writes to something other than a file, without waiting for a reader.
+/// Writes to something that is not a regular file. Does not wait for a reader.
 fn pass(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let flags = OFlags::NONBLOCK.bits().cast_signed();
     let opened = OpenOptions::new().write(true).custom_flags(flags).open(path);
@@ -30,37 +30,37 @@ fn pass(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => bail!("no program reads this pipe"),
         opened => opened?,
     };
-    // The reader may take its time.
+    // From here on, writes wait for the reader.
     rustix::fs::fcntl_setfl(&file, OFlags::empty())?;
     file.write_all(bytes)?;
     Ok(())
 }
 
-/// A file that is being written. If it is dropped before [`WholeFile::finish`], it is gone, and an existing file of its
-/// name is unchanged.
+/// A file that is being written. If it is dropped before [`WholeFile::finish`], the new file is removed, and an
+/// existing file of this name stays unchanged.
 #[derive(Debug)]
 pub struct WholeFile {
     file: File,
     path: PathBuf,
-    /// Its name until it is whole; none once it has the right one.
+    /// The temporary name of the file; nothing once the file has its final name.
     part: Option<PathBuf>,
 }
 
 impl WholeFile {
-    /// Begins a file that is to have this name.
+    /// Begins a file that will get this name.
     ///
     /// # Errors
-    /// The folder cannot be written, or something else than a file has the name.
+    /// The folder cannot be written, or the path is not a regular file.
     pub fn create(path: &Path) -> anyhow::Result<Self> {
         Self::begin(path, OpenOptions::new().create(true).truncate(true))
     }
 
-    /// Begins a file that only its owner may ever read: mode 0600, also while it is being written.
+    /// Begins a file that only its owner can ever read: it has mode 0600 from the start.
     ///
     /// # Errors
-    /// As [`WholeFile::create`].
+    /// The same as for [`WholeFile::create`].
     pub fn create_private(path: &Path) -> anyhow::Result<Self> {
-        // A leftover of a process with the same id may have another mode, so it is not reused.
+        // A file of this name may be left over from a process with the same id. It may have another mode, so it is not reused.
         let new = Self::begin(path, OpenOptions::new().create_new(true).mode(0o600))?;
         new.file.set_permissions(Permissions::from_mode(0o600)).context("making a file private")?;
         Ok(new)
@@ -70,10 +70,10 @@ impl WholeFile {
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             bail!("{} is not a regular file", path.display());
         }
-        // A link stays a link, and a file keeps its permissions.
+        // If the path is a link, its target is replaced. An existing file keeps its permissions.
         let path = &fs::canonicalize(path).unwrap_or_else(|_not_there_yet| path.to_owned());
         let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
-        // Two commands that write the same file at the same time do not write into one.
+        // The process id is in the name, so that two commands never write to the same temporary file.
         let part = path.with_file_name(format!("{}.part-{}", name.to_string_lossy(), std::process::id()));
         let file = options.write(true).open(&part).with_context(|| format!("writing {}", part.display()))?;
         if let Ok(there) = fs::metadata(path) {
@@ -82,7 +82,7 @@ impl WholeFile {
         Ok(Self { file, path: path.to_owned(), part: Some(part) })
     }
 
-    /// Adds to it.
+    /// Appends bytes to the file.
     ///
     /// # Errors
     /// The disk refuses.
@@ -90,10 +90,10 @@ impl WholeFile {
         self.file.write_all(bytes).with_context(|| format!("writing {}", self.path.display()))
     }
 
-    /// Gives it its name. It is on the disk when this returns.
+    /// Gives the file its final name. The file is on the disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses; then there is no such file, or the one from before.
+    /// The disk refuses. Then the new file does not exist; an earlier file is unchanged.
     pub fn finish(mut self) -> anyhow::Result<()> {
         let part = self.part.take().unwrap_or_default();
         let named = self.file.sync_all().and_then(|()| fs::rename(&part, &self.path)).and_then(|()| self.sync_folder());

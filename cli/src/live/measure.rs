@@ -1,4 +1,4 @@
-//! Measures how often values leave one output, as long as a person looks at it.
+//! Measures how often an output sends values, while a person looks at it.
 
 use super::Heard;
 use crate::client::{Client, words};
@@ -18,14 +18,14 @@ use tokio::sync::oneshot;
 use tokio::task::{AbortHandle, JoinSet};
 use view::{Input, Measured};
 
-/// How often a rate is told.
+/// How often the rate is sent to the view.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// How often a program without values is looked for: it may have been started again.
+/// How often a program that sends no values is searched for: it may have been restarted elsewhere.
 const FIND_EVERY: Duration = Duration::from_secs(3);
-/// How long after its begin a measurement that has ended by itself may begin again.
+/// How long after its begin a measurement can begin again, if it has ended by itself.
 const AGAIN_AFTER: Duration = Duration::from_secs(3);
 
-/// A measurement that goes on until it is ended.
+/// A measurement that continues until it is stopped.
 pub(super) struct Measurement {
     output: ProgramOutput,
     end: oneshot::Sender<()>,
@@ -34,7 +34,7 @@ pub(super) struct Measurement {
 }
 
 impl Measurement {
-    /// Begins to measure an output. If it is measured again, a failure is not told again.
+    /// Begins to measure an output. If the output was measured before, a failure is not reported again.
     pub(super) fn begin(
         client: Arc<Client>,
         output: ProgramOutput,
@@ -56,19 +56,19 @@ impl Measurement {
         &self.output
     }
 
-    /// Returns whether it has ended by itself and may begin again, for example since its program had no links yet.
+    /// Returns whether the measurement has ended by itself and can begin again. For example, its program had no links yet.
     pub(super) fn is_over(&self) -> bool {
         self.task.is_finished() && clock::now().since(self.begun) >= AGAIN_AFTER
     }
 
-    /// Stops the measurement: then its program sends no values to it.
+    /// Stops the measurement. Then the program sends it no more values.
     pub(super) fn end(self) {
-        // A measurement that has ended by itself needs no word.
+        // If the measurement has ended by itself, the message has no receiver.
         self.end.send(()).unwrap_or_default();
     }
 }
 
-/// Measures until the end; returns a note if that fails.
+/// Measures until `ended`; returns a note if the output cannot be measured.
 async fn run(
     client: Arc<Client>,
     output: ProgramOutput,
@@ -114,7 +114,7 @@ async fn measure(
                         return Ok(());
                     }
                 } else if clock::now() >= find_at {
-                    // It is looked for again if that fails.
+                    // If this fails, the program is searched for again later.
                     drop(found_again(client, taps, deployment, &mut tapped).await);
                     find_at = clock::now() + FIND_EVERY;
                 }

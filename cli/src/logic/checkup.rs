@@ -1,26 +1,25 @@
-//! The state of a machine, as a person should know it before a robot depends on it: findings, each with a hint where
-//! there is one.
+//! Checks whether a machine is ready for a robot. Returns findings, each with a hint if there is a remedy.
 
 use comms::io::clock::ClockQuality;
 use serde::Serialize;
 use std::fmt;
 
-/// With fewer open files and sockets a node of a small robot runs out of them: each program takes about ten.
+/// If a process may open fewer files and sockets than this, a node of a small robot runs out of them. Each program takes about ten.
 const FILES_FEW: u64 = 4096;
-/// With fewer not even the tutorial runs.
+/// If a process may open fewer files than this, not even the tutorial runs.
 const FILES_MIN: u64 = 256;
-/// With less space on a disk a person should be told, in bytes.
+/// If a disk has less free space than this, a person should know it, in bytes.
 const SPACE_LOW: u64 = 1 << 30;
-/// With less, output and journals will soon be refused, in bytes.
+/// If a disk has less free space than this, output and journals will soon be refused, in bytes.
 const SPACE_MIN: u64 = 64 << 20;
 
-/// How a finding is to be taken.
+/// How serious a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// As it should be.
+    /// Nothing is wrong.
     Ok,
-    /// Something will not work, or not as well.
+    /// Something will not work, or will work less well.
     Warning,
     /// Programs cannot run here.
     Failed,
@@ -41,59 +40,59 @@ impl fmt::Display for Level {
 pub struct Check {
     /// The subject of the check, in one word.
     pub name: &'static str,
-    /// How it is to be taken.
+    /// How serious the result is.
     pub level: Level,
     /// The result, in a sentence.
     pub finding: String,
-    /// The remedy, where there is one.
+    /// The remedy, if there is one.
     pub hint: Option<&'static str>,
 }
 
 /// The present state of a machine.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// Why the kernel does not let a node end its programs, if so.
+    /// An error says why the kernel does not let a node end its programs.
     pub kernel: Result<(), String>,
-    /// Whether a process may have its own control group, of version 2.
+    /// Whether a process can have its own control group of version 2.
     pub has_groups: bool,
-    /// How far its calendar clock is to be believed.
+    /// How far the calendar clock can be trusted.
     pub clock: ClockQuality,
     /// The interfaces on which nodes of other machines can be found.
     pub interfaces: Vec<String>,
-    /// Why no node can be heard there, if so.
+    /// An error says why no node can be heard on the interfaces.
     pub discovery: Result<(), String>,
-    /// Why no port can be listened on, if so.
+    /// An error says why no port can be listened on.
     pub listening: Result<(), String>,
-    /// How many files and sockets a process may have open at most; no limit if none.
+    /// How many files and sockets a process may open; nothing without a limit.
     pub files: Option<u64>,
-    /// Why no program can have a real-time priority, if so.
+    /// An error says why no program can have a real-time priority.
     pub realtime: Result<(), String>,
     /// The folders that nodes write to: their purpose, and their state.
     pub folders: Vec<(&'static str, Folder)>,
-    /// The version of the shim, or why there is none.
+    /// The version of the shim, or why it is missing.
     pub shim: Result<String, String>,
-    /// The version of these programs.
+    /// The version of this command.
     pub version: String,
-    /// How many controller types `dca-controller` beside this program offers, or why none.
+    /// How many controller types the program `dca-controller` beside this command offers, or why it offers none.
     pub controllers: Result<usize, String>,
-    /// The interpreters that programs in Python would have here.
+    /// The interpreters that would run programs in Python here.
     pub interpreters: Vec<Interpreter>,
-    /// The nodes that run on this machine, of this user.
+    /// The nodes of this user that run on this machine.
     pub nodes: Vec<String>,
-    /// The execution policies of this machine and its nodes: their files, or why one cannot be used.
+    /// The execution policies of this machine and its nodes: the file of each, or why it cannot be used.
     pub policies: Vec<Result<FoundPolicy, String>>,
 }
 
 /// An interpreter of Python.
 #[derive(Clone, Debug)]
 pub struct Interpreter {
-    /// The path by which it is started.
+    /// The path with which it is started.
     pub path: String,
     /// Whether it belongs to a virtual environment.
     pub is_of_venv: bool,
     /// Its version, or why it does not start.
     pub version: Result<String, String>,
-    /// The package `dca` that it loads, or why it loads none.
+    /// The package `dca` that it loads, or why it cannot load the package.
     pub package: Result<Package, String>,
 }
 
@@ -106,23 +105,23 @@ pub struct Package {
     pub folder: String,
 }
 
-/// An execution policy that can be used.
+/// An execution policy that is valid.
 #[derive(Clone, Debug)]
 pub struct FoundPolicy {
     /// Its file.
     pub path: String,
-    /// The user that programs run as, if this user could change it.
+    /// The user that programs run as, if this user could change the policy.
     pub could_be_changed_by: Option<String>,
 }
 
-/// A folder, or the place where it would be made.
+/// A folder, or the existing folder in which it would be made.
 #[derive(Clone, Debug)]
 pub struct Folder {
     /// Its path.
     pub path: String,
     /// Free space on its disk, in bytes.
     pub free: Option<u64>,
-    /// Why it cannot be written, if so.
+    /// An error says why the folder cannot be written.
     pub writing: Result<(), String>,
 }
 
@@ -367,7 +366,7 @@ mod tests {
         assert_eq!(python, Some("`.venv/bin/python` is Python 3.12.1, with `dca` 1 from `/venv/dca`"));
     }
 
-    /// Checks that one finding of a machine with a flaw has this level and this text; the others are good.
+    /// Checks that one finding about a machine with a flaw has this level and this text, and that all other findings are good.
     #[track_caller]
     fn check_flaw(flaw: impl FnOnce(&mut Machine), level: Level, name: &str, words: &str) {
         let mut machine = good();

@@ -1,8 +1,9 @@
-//! How far the clock of another host is ahead of this one's, and how exactly that is known.
+//! How far the clock of another host is ahead of the clock here, and how large the error of this offset can be.
 //!
-//! The clock there was read at some moment between a question and its answer, and nothing says when. If it was the middle, the
-//! clock there was ahead by `shown there - (shown here + round trip / 2)`; wherever it was, that is wrong by half the round trip at
-//! the most. So of several questions the one with the shortest round trip counts. It is the bound of Cristian's algorithm.
+//! The other clock was read at some moment between a question and its answer. If this was in the middle, the other
+//! clock was ahead by `shown there - (shown here + round trip / 2)`. In any case, the error of this offset is at most
+//! half the round trip. So of several questions, the one with the shortest round trip counts. This is the bound of
+//! Cristian's algorithm.
 
 use comms::logic::human::span;
 use comms::logic::time::Time;
@@ -11,21 +12,21 @@ use node::logic::table::table;
 use serde::Serialize;
 use std::time::Duration;
 
-/// How fast two kept clocks may drift apart, as a ratio: the kernel slews each by 500 ppm at the most. Source: adjtimex(2).
+/// How fast two synchronised clocks may drift apart, as a ratio: the kernel slews each by at most 500 ppm. Source: adjtimex(2).
 const DRIFT_MAX: f64 = 0.001;
-/// The difference in seconds from which one of two clocks is called wrong.
+/// If two clocks differ by more than this, in seconds, one of them is reported as wrong.
 const WRONG_FROM: f64 = 1.0;
 
 /// One question to a host for the time of its clock, and the answer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Exchange {
-    /// The time of the question, on the boot clock.
+    /// When the question was sent, on the boot clock.
     pub(crate) asked: Time,
-    /// The calendar time here at that moment, or slightly later.
+    /// The calendar time here when the question was sent, or slightly later.
     pub(crate) shown_here: Duration,
-    /// When the answer came.
+    /// When the answer arrived.
     pub(crate) answered: Time,
-    /// The answer.
+    /// The answer: the time that the other clock showed.
     pub(crate) there: ClockReading,
 }
 
@@ -33,13 +34,13 @@ pub(crate) struct Exchange {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct HostClock {
     host: String,
-    /// By how many seconds it is ahead of the clock here; negative when it is behind.
+    /// How many seconds the clock is ahead of the clock here; negative if it is behind.
     ahead: f64,
-    /// The most by which `ahead` may be wrong, in seconds.
+    /// The largest possible error of `ahead`, in seconds.
     error_max: f64,
     /// Whether the clock is synchronised.
     keeping: ClockKeeping,
-    /// Whether no clock was set between the questions.
+    /// Whether neither clock was set between the questions.
     steady: bool,
 }
 
@@ -58,7 +59,7 @@ impl Exchange {
         if self.there.shown < here { -difference } else { difference }
     }
 
-    /// Whether one offset explains both.
+    /// Returns whether one offset of the clocks explains both exchanges.
     fn agrees(&self, other: &Self) -> bool {
         let apart = self.asked.since(other.asked).max(other.asked.since(self.asked));
         let may_differ = self.error_max() + other.error_max() + DRIFT_MAX * apart.as_secs_f64();
@@ -68,7 +69,7 @@ impl Exchange {
 }
 
 impl HostClock {
-    /// Returns the result of exchanges with a host; none without one.
+    /// Returns the result of exchanges with a host; nothing without an exchange.
     pub(crate) fn of(host: &str, exchanges: &[Exchange]) -> Option<Self> {
         let best = exchanges.iter().min_by_key(|exchange| exchange.round_trip())?;
         Some(Self {
@@ -98,7 +99,7 @@ impl HostClock {
     }
 }
 
-/// Returns a table for people, with the hosts that could not be asked at its end.
+/// Returns a table for people. The hosts that could not be asked are at its end.
 pub(crate) fn text(clocks: &[HostClock], unreachable: &[String]) -> String {
     let mut rows = vec![["HOST", "AHEAD", "ERROR AT MOST", "CLOCK"].map(str::to_owned).to_vec()];
     rows.extend(clocks.iter().map(|HostClock { host, ahead, error_max, keeping, .. }| {
@@ -121,7 +122,7 @@ mod tests {
     use super::*;
     use comms::logic::random::Random;
 
-    /// A host whose clock is ahead by `ahead` milliseconds, over a link with these delays in microseconds.
+    /// Returns an exchange with a host whose clock is ahead by `ahead` milliseconds. The link has these delays in microseconds.
     fn exchange(at: u64, ahead: i32, (there, back): (u64, u64)) -> Exchange {
         let began = Duration::from_secs(1_795_000_000);
         let here = |micros: u64| began + Duration::from_micros(at + micros);

@@ -3,11 +3,11 @@
 use node::logic::protocol::Deployment;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A process that runs, or a port of it.
+/// A running process, or one of its ports.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Process {
     deployment: String,
-    /// Its path, and its port if it has one: `main/hit/force.Out`.
+    /// The path of the process. For a port, its name follows: `main/hit/force.Out`.
     name: String,
 }
 
@@ -26,7 +26,7 @@ impl Process {
     }
 }
 
-/// Returns a word for each process that matches the text so far: the shortest unique name.
+/// Returns a word for each process that matches the written text. The word is the shortest unique name.
 pub(crate) fn processes(all: &BTreeSet<Process>, written: &str) -> BTreeSet<String> {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for one in all {

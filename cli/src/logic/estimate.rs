@@ -1,12 +1,12 @@
-//! How long the rest of some work takes, from how long the first part took.
+//! Estimates how long the rest of some work takes, from the time that the first part took.
 
 use comms::logic::human::span;
 use std::time::Duration;
 
-/// After so long a person wonders what is going on.
+/// After this time, a person wonders whether the command still works.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(2);
 
-/// The work so far: jobs of one kind after another.
+/// The progress of the work: jobs of one kind after another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Estimate {
     what: &'static str,
@@ -14,18 +14,18 @@ pub(crate) struct Estimate {
     of: usize,
     /// When the jobs of this kind began.
     begun: Duration,
-    /// The states that an exploration within a job has found.
+    /// The states that an exploration within the present job has found.
     states: u32,
 }
 
 impl Estimate {
-    /// Takes note that so many jobs of a kind are done.
+    /// Notes how many jobs of a kind are done.
     pub(crate) fn jobs(&mut self, at: Duration, what: &'static str, done: usize, of: usize) {
         let begun = if self.what == what && self.of == of { self.begun } else { at };
         *self = Self { what, done, of, begun, states: 0 };
     }
 
-    /// Takes note of how many states an exploration has found.
+    /// Notes how many states an exploration has found.
     pub(crate) fn states(&mut self, count: u32) {
         self.states = count;
     }
@@ -44,7 +44,7 @@ impl Estimate {
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ")
     }
 
-    /// Returns how long the jobs of this kind take that are left, in whole seconds; unknown while too few are done.
+    /// Returns how long the remaining jobs of this kind take, in whole seconds; nothing while too few jobs are done.
     fn rest(&self, elapsed: Duration) -> Option<Duration> {
         let (done, left) = (u32::try_from(self.done).ok()?, u32::try_from(self.of.checked_sub(self.done)?).ok()?);
         let each = elapsed.checked_sub(self.begun)?.checked_div(done)?;
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!(work.line(at(14)), "30 of 90 pairs of faults, 14 s, about 20 s left");
         work.states(1_250_000);
         assert_eq!(work.line(at(15)), "30 of 90 pairs of faults, 1.2 million states, 15 s, about 22 s left");
-        // Another kind of jobs takes another time.
+        // Jobs of another kind take another time.
         work.jobs(at(40), "sentences", 0, 2);
         assert_eq!(work.line(at(41)), "0 of 2 sentences, 41 s");
     }

@@ -1,11 +1,11 @@
-//! The processes that a spec uses of another deployment, compared with the spec of that.
+//! Compares the processes that a spec uses of another deployment with the spec of that deployment.
 
 use language::Source;
 use language::plan::{Leaf, Plan, Transfer};
 use std::collections::BTreeMap;
 
-/// Returns why the processes that `plan` uses of `other` are not there as it wants them, a sentence for each. Each plan comes with the
-/// texts that its interfaces stand in.
+/// Returns a sentence for each process of `other` that `plan` uses, if it does not exist or is not as `plan` declares
+/// it. Each plan comes with the texts that contain its interfaces.
 pub(crate) fn against(plan: &Plan, own: &[Source], other: &Plan, theirs: &[Source]) -> Vec<String> {
     let (own, theirs) = (language::exports(own), language::exports(theirs));
     let live = other.live_leaves();

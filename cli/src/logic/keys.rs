@@ -25,7 +25,7 @@ pub(crate) enum Key {
     Control(char),
 }
 
-/// Returns the keys in a piece of input. Unknown sequences are left out.
+/// Returns the keys in a piece of input. Leaves out unknown sequences.
 pub(crate) fn keys(bytes: &[u8]) -> Vec<Key> {
     let (mut keys, mut rest) = (Vec::new(), bytes);
     while let Some(first) = rest.first() {
@@ -64,7 +64,7 @@ fn escaped(bytes: &[u8]) -> (Option<Key>, usize) {
     match bytes.get(1) {
         Some(b'[') => {
             let end = bytes.iter().skip(2).position(|byte| (0x40..=0x7e).contains(byte));
-            // Without its end, everything that came is a part of the sequence.
+            // If the sequence has no end, it contains all bytes that have arrived.
             let Some(end) = end.map(|end| end + 2) else { return (None, bytes.len()) };
             // The Linux console sends `[[A` to `[[E` for F1 to F5.
             if bytes.get(2) == Some(&b'[') {
@@ -74,12 +74,12 @@ fn escaped(bytes: &[u8]) -> (Option<Key>, usize) {
             (sequence(&bytes[2..end], bytes[end]), end + 1)
         }
         Some(b'O') => (bytes.get(2).and_then(|last| sequence(b"", *last)), 3),
-        // A key with Alt, or an escape that another key follows.
+        // This is a key that was pressed together with Alt, or the escape key followed by another key.
         Some(_) | None => (Some(Key::Escape), 1),
     }
 }
 
-/// Returns the key of a control sequence with these parameters and this last byte.
+/// Returns the key of a control sequence, given its parameters and its last byte.
 fn sequence(parameters: &[u8], last: u8) -> Option<Key> {
     let number = parameters.split(|byte| *byte == b';').next().and_then(|number| std::str::from_utf8(number).ok());
     Some(match (last, number.and_then(|number| number.parse::<u8>().ok())) {
@@ -114,7 +114,7 @@ mod tests {
         check(b"\x1bOP\x1b[21~\x1b[[A", &[Key::Function(1), Key::Function(10), Key::Function(1)]);
         check(b"\x1b", &[Key::Escape]);
         check(b"\x1bx", &[Key::Escape, Key::Char('x')]);
-        // An answer of the terminal, a part of a sequence, and bytes without a meaning.
+        // These are an answer of the terminal, a part of a sequence, and bytes without a meaning.
         check(b"\x1b[?1;2c", &[]);
         check(b"\x1b[1;", &[]);
         check(b"\xff\xc3a", &[Key::Char('a')]);

@@ -7,7 +7,7 @@ use node::logic::table::table;
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// `0.30 s`, or `-` where there is no such time.
+/// Formats a time as `0.30 s`, or as `-` if there is none.
 fn seconds(time: Option<Duration>) -> String {
     time.map_or("-".to_owned(), |time| format!("{:.2} s", time.as_secs_f64()))
 }

@@ -1,8 +1,8 @@
-//! The state of a mission for people: phases, peaks, the end and its cause.
+//! The state of a mission for people: its phases, the peaks of its signals, its end and the cause of the end.
 //!
-//! A [`Mission`] is folded from the plan, the [`Report`]s of the deployment and the [`Signals`] of its programs, in the
-//! order in which they come. It knows nothing of any one task; a live display and a report made from a record a year later
-//! fold the same input to the same result.
+//! A [`Mission`] is computed from the plan, the [`Report`]s of the deployment and the [`Signals`] of its programs, in
+//! the order in which they arrive. It contains nothing that is special to one task. The same input gives the same
+//! result, in a live display and in a report of a record a year later.
 
 mod late;
 mod losses;
@@ -30,7 +30,7 @@ use view::sentence::{
     ENDED_LATE, configured_text, entered_text, renewing_text, report_text, restarting_text, reverting_text,
 };
 
-/// The most notes kept: the first half of them, then the last ones. The rest are counted; routine ones give way first.
+/// The most notes that are kept: the first half of them, and the last ones. The others are counted. Routine notes are dropped first.
 pub const NOTES_MAX: usize = 200;
 
 /// A deployment seen from outside.
@@ -49,14 +49,14 @@ pub struct Mission {
     now: Duration,
 }
 
-/// How it all ended.
+/// How a mission ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verdict {
     /// The outcome, with its details.
     pub outcome: Outcome,
     /// Time since GO; zero if there was no GO.
     pub at: Duration,
-    /// Hosts that could not confirm that nothing of it is left.
+    /// The hosts that could not confirm that nothing of the deployment is left.
     pub unconfirmed: Vec<String>,
 }
 
@@ -69,14 +69,14 @@ pub enum Outcome {
     Aborted(Failure),
     /// The mission was asked to stop.
     Stopped,
-    /// It is unknown.
+    /// It is not known how the mission ended.
     Unconfirmed,
     /// The mission was never started.
     Refused(Vec<String>),
 }
 
 impl Outcome {
-    /// Returns the one word for it.
+    /// Returns the outcome in one word.
     pub fn word(&self) -> &'static str {
         match self {
             Self::Done => "done",
@@ -88,7 +88,7 @@ impl Outcome {
     }
 }
 
-/// Something out of the ordinary that a person should see at once.
+/// Something unusual that a person should see at once.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
     /// Time since GO.
@@ -97,11 +97,11 @@ pub struct Note {
     pub process: String,
     /// The event.
     pub text: String,
-    /// The last lines that its program wrote, if it failed.
+    /// The last lines that the program wrote before it failed.
     pub output: Vec<String>,
-    /// Its place among all notes of the mission.
+    /// The position of this note among all notes of the mission.
     pub number: usize,
-    /// Whether it may be left out when there are many: no question and no failure is.
+    /// Whether the note may be left out when there are many. Questions and failures are never routine.
     pub is_routine: bool,
 }
 
@@ -123,7 +123,7 @@ impl Mission {
         }
     }
 
-    /// Takes the next report in.
+    /// Adds the next report.
     pub fn report(&mut self, report: &Report) {
         match report {
             Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
@@ -159,8 +159,8 @@ impl Mission {
         }
     }
 
-    /// Takes a sample of the program `path` in, which came `at` after GO. Values that are not finite are left out. Counts of losses are
-    /// also taken after the end, because the last sample may come later than the end.
+    /// Adds a sample of the program `path` that came `at` after GO. Values that are not finite are left out. Counts of
+    /// losses are also added after the end, because the last sample may arrive after it.
     pub fn signals(&mut self, path: &str, at: Duration, sample: &Signals) {
         self.losses.take(path, sample);
         if self.verdict.is_some() {
@@ -175,12 +175,12 @@ impl Mission {
         }
     }
 
-    /// Takes in whole lines of the program `path`; later lines, after the end, also count.
+    /// Adds whole lines of the program `path`. Lines that arrive after the end also count.
     pub fn wrote(&mut self, path: &str, text: &str) {
         self.late.wrote(path, text);
     }
 
-    /// Lets time pass without an event.
+    /// Sets the time when nothing has happened.
     pub fn tick(&mut self, now: Duration) {
         if self.start.is_running() && self.verdict.is_none() {
             self.now = self.now.max(now);
@@ -192,12 +192,12 @@ impl Mission {
         self.deployment.as_ref().map_or(&self.name, |deployment| &deployment.name)
     }
 
-    /// Returns name and epoch, once it is accepted.
+    /// Returns the name and the epoch, once the deployment is accepted.
     pub fn deployment(&self) -> Option<&Deployment> {
         self.deployment.as_ref()
     }
 
-    /// Returns how far the start is.
+    /// Returns the progress of the start.
     pub fn start(&self) -> &Start {
         &self.start
     }
@@ -247,7 +247,7 @@ impl Mission {
         &self.notes
     }
 
-    /// Returns each program whose inputs have lost or refused values, without the leading `main/`, and how many, in words.
+    /// Returns each program whose inputs have lost or refused values, without the leading `main/`, with the number of values in words.
     pub fn losses(&self) -> impl Iterator<Item = (&str, String)> {
         self.losses.texts().map(|(path, text)| (short(path), text))
     }
@@ -257,12 +257,12 @@ impl Mission {
         self.notes_dropped
     }
 
-    /// Returns how it ended, once it has.
+    /// Returns how the mission ended, if it has ended.
     pub fn verdict(&self) -> Option<&Verdict> {
         self.verdict.as_ref()
     }
 
-    /// Returns the latest time since GO that is known.
+    /// Returns the latest known time since GO.
     pub fn now(&self) -> Duration {
         self.now
     }
@@ -288,7 +288,7 @@ impl Mission {
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
             Change::Says { text, .. } => (text.clone(), &[][..]),
-            // Its states are the phases.
+            // The states of this activity are the phases, so they need no note.
             Change::Entered { .. } if self.phases.is_of_states(path) => return,
             Change::Entered { states } => (entered_text(states), &[][..]),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),
@@ -324,17 +324,17 @@ impl Mission {
     }
 }
 
-/// Returns whether a change happens so often in a working activity that a person need not see each.
+/// Returns whether a change is so frequent in a working activity that a person need not see each one.
 fn is_routine(change: &Change) -> bool {
     matches!(change, Change::Entered { .. } | Change::Says { is_routine: true, .. })
 }
 
-/// Returns `path` without the leading `main/`, which everything has in common.
+/// Returns `path` without the leading `main/`, with which all paths begin.
 pub(crate) fn short(path: &str) -> &str {
     path.strip_prefix("main/").unwrap_or(path)
 }
 
-/// Returns `22.1 s`.
+/// Formats a time as `22.1 s`.
 pub(crate) fn seconds(time: Duration) -> String {
     format!("{:.1} s", time.as_secs_f64())
 }

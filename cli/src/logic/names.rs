@@ -1,4 +1,4 @@
-//! All names that are given out, in each partition: hosts that reach each other, by their own words.
+//! All names that hosts have given out, for each partition. A partition consists of hosts that report that they reach each other.
 
 use node::logic::protocol::{Deployment, DeviceName, Names, NodeStatus, PortName};
 use node::logic::table::table;
@@ -8,9 +8,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// The names of one host.
 #[derive(Clone, Debug)]
 pub struct HostNames {
-    /// Its node and the processes that run there.
+    /// The node of the host, and the processes that run there.
     pub status: NodeStatus,
-    /// Its ports and devices; none if its version does not report them.
+    /// The ports and devices of the host; nothing if its version does not report them.
     pub names: Option<Names>,
 }
 
@@ -29,9 +29,9 @@ pub struct Partition {
 struct Host {
     host: String,
     pid: u32,
-    /// The others that it reaches.
+    /// The other hosts that it reaches.
     sees: Vec<String>,
-    /// The others that it has reached of late, and that do not answer.
+    /// The other hosts that it reached recently, and that do not answer now.
     missing: Vec<String>,
 }
 
@@ -40,7 +40,7 @@ struct DeploymentName {
     deployment: Deployment,
     /// The host of `main`.
     home: String,
-    /// Where it has a part.
+    /// The hosts that have a part of the deployment.
     hosts: Vec<String>,
 }
 
@@ -61,8 +61,8 @@ struct Held<T> {
     name: T,
 }
 
-/// Returns the names of each partition, in the order of their first hosts. Two hosts are in the same partition if one
-/// of them reaches the other.
+/// Returns the names of each partition, in the order of the first host of each. Two hosts are in the same partition if
+/// one of them reaches the other.
 pub fn partitions(told: &[HostNames]) -> Vec<Partition> {
     let mut left: BTreeMap<&str, &HostNames> = told.iter().map(|one| (one.status.host.as_str(), one)).collect();
     let mut partitions = Vec::new();
@@ -127,7 +127,7 @@ impl Partition {
         all
     }
 
-    /// Returns a row for each name: its kind, the name, and its meaning.
+    /// Returns a row for each name: its kind, the name itself, and its meaning.
     fn rows(&self) -> Vec<Vec<String>> {
         let row = |kind: &str, name: String, of: String| vec![kind.to_owned(), name, of];
         let hosts = self.hosts.iter().map(|one| {
@@ -154,7 +154,7 @@ impl Partition {
     }
 }
 
-/// Returns all names as a table; with a heading for each partition if there are several.
+/// Returns a table of all names. If there are several partitions, each has a heading.
 pub fn text(partitions: &[Partition]) -> String {
     if let [one] = partitions {
         return table(&one.rows());
@@ -186,7 +186,7 @@ mod tests {
             assert_eq!(partitions.iter().map(hosts).collect::<Vec<_>>(), expected);
         };
         check(&[("c1", &["c2"]), ("c2", &["c1"]), ("c3", &[])], &[&["c1", "c2"], &["c3"]]);
-        // A chain, and a link that one end alone knows of yet.
+        // The hosts form a chain, and only one end of a link knows of it yet.
         check(&[("c1", &[]), ("c2", &["c1", "c3"]), ("c3", &["c2"]), ("c4", &["c9"])], &[&["c1", "c2", "c3"], &["c4"]]);
     }
 

@@ -1,10 +1,10 @@
-//! Parameters of nodes of ROS 2: their values, and texts of users as values of them.
+//! Parameters of ROS 2 nodes: reads their values, and converts texts of users to their values.
 //!
 //! Source: `rcl_interfaces/msg/ParameterType`, `ParameterValue` and `ParameterDescriptor`.
 
 use serde_json::{Value, json};
 
-/// The kinds of values, by the number of `ParameterType`: the word for a person, and the field of the value.
+/// The kinds of values, in the order of the numbers in `ParameterType`. Each has a word for a person and the field of the value.
 const KINDS: [(&str, &str); 10] = [
     ("not set", ""),
     ("a truth", "bool_value"),
@@ -23,7 +23,7 @@ const KINDS: [(&str, &str); 10] = [
 pub(crate) struct Kind(usize);
 
 impl Kind {
-    /// Returns the kind of a value or a descriptor; none if the node has no value of a known kind.
+    /// Returns the kind of a value or a descriptor; nothing if it is not a known kind.
     pub(crate) fn of(told: &Value) -> Option<Self> {
         let number = usize::try_from(told.get("type")?.as_u64()?).ok()?;
         (1..KINDS.len()).contains(&number).then_some(Self(number))
@@ -37,10 +37,10 @@ impl Kind {
         KINDS[self.0].1
     }
 
-    /// Returns a text of a user as a value of this kind.
+    /// Converts a text of a user to a value of this kind.
     ///
     /// # Errors
-    /// A description of the values that the kind takes.
+    /// Describes which values the kind accepts.
     pub(crate) fn read(self, text: &str) -> Result<Value, String> {
         let expected = || format!("expected {}{}", self.word(), self.example());
         let value = match self.0 {
@@ -80,12 +80,12 @@ impl Kind {
     }
 }
 
-/// Returns the value in a `ParameterValue`; none if it is not set.
+/// Returns the value in a `ParameterValue`; nothing if it is not set.
 pub(crate) fn value(told: &Value) -> Option<Value> {
     told.get(Kind::of(told)?.field()).cloned()
 }
 
-/// Returns what a parameter takes, by its descriptor: `a number in 0.0..1.0, read only`.
+/// Describes which values a parameter accepts according to its descriptor: `a number in 0.0..1.0, read only`.
 pub(crate) fn takes(descriptor: &Value) -> String {
     let mut text = Kind::of(descriptor).map_or("anything", Kind::word).to_owned();
     for name in ["floating_point_range", "integer_range"] {

@@ -1,4 +1,4 @@
-//! The exports of a program for `dca call` and `dca get`: finding their owner, arguments as bytes, results as JSON.
+//! The exports of a program, for `dca call` and `dca get`: finds their owner, encodes arguments, and shows results as JSON.
 
 mod listed;
 
@@ -21,7 +21,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{self, Display, Formatter};
 use std::time::Duration;
 
-/// The export that a person names: `Grip` of `hand`, `door:main/hand.Grip`.
+/// The export that a user names: `Grip` of `hand`, `door:main/hand.Grip`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ObjectName {
     pub(crate) process: ProcessName,
@@ -30,7 +30,7 @@ pub(crate) struct ObjectName {
 }
 
 impl ObjectName {
-    /// Reads a name; returns the mistake in an invalid one.
+    /// Reads a name. If it is not valid, returns the mistake.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let (process, name) = ProcessName::with_name(text);
         let name = name.filter(|name| !name.is_empty() && process.process().is_some()).ok_or_else(|| {
@@ -46,7 +46,7 @@ impl Display for ObjectName {
     }
 }
 
-/// The types that a program lists, as items of a spec; each name once.
+/// Returns the types that a program lists, as items of a spec. Each name occurs once.
 fn types(exports: &Exports) -> String {
     let signatures = exports.exports.iter().map(|export| &export.signature);
     let forms = signatures.flat_map(|signature| [&signature.argument, &signature.result]);
@@ -61,7 +61,7 @@ fn message(exports: &Exports, form: &TypeForm) -> Option<Message> {
     messages(&[Source::new("exports", text)]).remove("Program")?.remove("Out")
 }
 
-/// Returns the bytes of an argument that is written as in a spec: `'{ force = 20 N }'`, or `force='20 N'` for each field.
+/// Encodes an argument that is written as in a spec: `'{ force = 20 N }'`, or `force='20 N'` for each field.
 ///
 /// # Errors
 /// One sentence about the mistake.
@@ -71,7 +71,7 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
         return if given.is_empty() { Ok(Vec::new()) } else { Err("it is called with nothing".to_owned()) };
     }
     if is_spec_name(&form.name) {
-        // On a wire a message of ROS 2 is its CDR, with the length in front.
+        // On a wire, a message of ROS 2 is the length of its CDR, followed by the CDR.
         let (message, mut bytes) = (ros::encode(&form.name, given)?, Vec::new());
         Writer::new(&mut bytes).piece(&message);
         return Ok(bytes);
@@ -95,8 +95,8 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
     Ok(bytes)
 }
 
-/// Returns the bytes of an argument that is written as an object of JSON with the fields of its type, in SI units. An argument that is
-/// not a record is the field `value`.
+/// Encodes an argument that is written as a JSON object with the fields of its type, in SI units. An argument that is
+/// not a record is written as the field `value`.
 ///
 /// # Errors
 /// One sentence about the mistake.
@@ -137,7 +137,7 @@ fn form_schema(exports: &Exports, form: &TypeForm) -> Value {
     message.map_or_else(|| json!({ "type": "object", "properties": {} }), |known| message_schema(&form.name, &known))
 }
 
-/// Has the compiler read a value; returns its parts by name: `value.force`, `value.corner.0`.
+/// Lets the compiler read a value. Returns its parts by name: `value.force`, `value.corner.0`.
 fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Constant>, String> {
     let before = format!(
         "{types}module Called(host: Host, value: {kind}) {{ done; }}\nprocess main() {{ host {{ c1 }}\n\
@@ -147,7 +147,7 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     let text = format!("{before}{value}); }}\ninternal_event_actions {{ call }} }}\n");
     let compiled = compile(&Source::new("call", text), &[], &Options::named("call"));
     let error = compiled.diagnostics.iter().find(|found| found.severity == Severity::Error);
-    // Text after the value does not belong to it.
+    // If the first error is after the value, the value is not whole: the text after it belongs to the spec around it.
     let is_behind =
         error.is_some_and(|error| usize::try_from(error.primary.span.start).is_ok_and(|start| start >= end));
     if !is_one(value) || is_behind {
@@ -165,7 +165,7 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     Ok(named.collect())
 }
 
-/// Returns whether no bracket is closed that was not opened, and nothing is separated outside of brackets.
+/// Returns whether a text is one value: each closing bracket has an opening one before it, and no separator is outside of brackets.
 fn is_one(value: &str) -> bool {
     let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
     for sign in value.chars() {
@@ -184,7 +184,7 @@ fn is_one(value: &str) -> bool {
     depth == 0 && !is_text
 }
 
-/// A value whose parts have names: `value.force`, `value.corner.0`. It cannot be written if a part is missing, or of another kind.
+/// A value whose parts have names: `value.force`, `value.corner.0`. A part that is missing or of another kind is an error.
 struct Named<'a> {
     name: String,
     constants: &'a BTreeMap<String, Constant>,
@@ -224,7 +224,7 @@ impl Part for Named<'_> {
     }
 }
 
-/// Returns a result as JSON: null if there is none, and its length if its program does not list its fields.
+/// Returns a result as JSON: null without a result, and only its length if the program does not list its fields.
 pub(crate) fn result(exports: &Exports, signature: &Signature, bytes: &[u8]) -> Value {
     let known = match signature.result.name.as_str() {
         "" => return Value::Null,
@@ -236,7 +236,7 @@ pub(crate) fn result(exports: &Exports, signature: &Signature, bytes: &[u8]) -> 
     known.unwrap_or_else(|| json!({ "size": bytes.len() }))
 }
 
-/// Reads a value that has a table of its own; none if its program was built with another version of DCA.
+/// Reads a value that is shown in a table of its own. Returns nothing if the program was built with another version of DCA.
 fn fields<T: Shown + DeserializeOwned>(bytes: &[u8]) -> Option<Value> {
     postcard::from_bytes::<T>(bytes).ok().map(|value| value.fields())
 }

@@ -1,30 +1,30 @@
-//! How a person names deployments and processes: every form in which a verb prints them is read by every verb.
+//! The names that users write for deployments and processes. Each verb understands every form that a verb prints.
 
 use node::logic::protocol::Deployment;
 use std::fmt::{self, Display, Formatter};
 
-/// A deployment that a person means: `door`, or `door@3` for one run of it.
+/// The name of a deployment as a user writes it: `door`, or `door@3` for one run of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct DeploymentName(String);
 
 impl DeploymentName {
-    /// Reads a name given as an argument; returns the mistake in an invalid one.
+    /// Reads a name that is given as an argument. If it is not valid, returns the mistake.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let wrong = || "an empty text names no deployment: expected NAME or NAME@NUMBER, such as `door`".to_owned();
         if text.is_empty() { Err(wrong()) } else { Ok(Self(text.to_owned())) }
     }
 
-    /// Returns whether this run of a deployment is meant.
+    /// Returns whether the name matches this run of a deployment.
     pub(crate) fn is(&self, deployment: &Deployment) -> bool {
         self.0 == deployment.name || self.epoch_of(&deployment.name) == Some(deployment.epoch)
     }
 
-    /// Returns whether a deployment of this name is meant, in any run of it.
+    /// Returns whether the name matches some run of the deployment `name`.
     pub(crate) fn is_called(&self, name: &str) -> bool {
         self.0 == name || self.epoch_of(name).is_some()
     }
 
-    /// Returns the text that a person has written.
+    /// Returns the text that the user has written.
     pub(crate) fn text(&self) -> &str {
         &self.0
     }
@@ -35,7 +35,7 @@ impl DeploymentName {
         numbered.map_or(&self.0, |(name, _)| name)
     }
 
-    /// Returns the number behind `NAME@`, if it is the deployment of this name.
+    /// If this is `NAME@NUMBER` for the given name, returns the number.
     fn epoch_of(&self, name: &str) -> Option<u64> {
         self.0.strip_prefix(name)?.strip_prefix('@')?.parse().ok()
     }
@@ -47,19 +47,19 @@ impl Display for DeploymentName {
     }
 }
 
-/// The processes that a person means: `hand`, `hit/force`, `door:main/hand`, `door@3:hand`, all of a deployment by `door:`.
+/// The processes that a user names: `hand`, `hit/force`, `door:main/hand`, `door@3:hand`, or `door:` for all of a deployment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ProcessName {
-    /// In this deployment; in any if absent.
+    /// The deployment of the processes; nothing for any deployment.
     deployment: Option<DeploymentName>,
     /// The end of a path; empty means every process.
     process: String,
 }
 
 impl ProcessName {
-    /// Returns the name in a text.
+    /// Splits a text into the deployment and the process.
     pub(crate) fn new(text: &str) -> Self {
-        // The name of a deployment is that of a file, and may have a colon. No path has one.
+        // The name of a deployment comes from a file name, so it may contain a colon. A path never contains one.
         match text.rsplit_once(':') {
             Some((deployment, process)) => {
                 Self { deployment: Some(DeploymentName(deployment.to_owned())), process: process.to_owned() }
@@ -68,14 +68,15 @@ impl ProcessName {
         }
     }
 
-    /// Reads a name as an argument; says what is wrong with it. A port behind the process, as `dca names` prints it, is left out.
+    /// Reads a name that is given as an argument; returns the mistake if it is not valid. A port after the process, as
+    /// `dca names` prints it, is ignored.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let (name, _) = Self::with_name(text);
         let wrong = || format!("`{text}` names no process: expected [DEPLOYMENT:]INSTANCE, such as `door:hand`");
         if name.is_any() { Ok(name) } else { Err(wrong()) }
     }
 
-    /// Reads the name of one process that is to be changed: nothing may stand behind it.
+    /// Reads the name of one process that is to be changed. A port after it is an error.
     pub(crate) fn parse_one(text: &str) -> Result<Self, String> {
         let (name, port) = Self::with_name(text);
         match (name.process(), port) {
@@ -85,8 +86,8 @@ impl ProcessName {
         }
     }
 
-    /// Returns `[DEPLOYMENT:]INSTANCE` and `NAME` of `[DEPLOYMENT:]INSTANCE.NAME`; no path has a dot, and the name of an output inside
-    /// a group has one: `filter.smooth.Out`.
+    /// Splits `[DEPLOYMENT:]INSTANCE.NAME` at the first dot. A path has no dot, but the name of an output inside a
+    /// group has one: `filter.smooth.Out`.
     pub(crate) fn with_name(text: &str) -> (Self, Option<&str>) {
         let path = text.rfind(':').map_or(0, |colon| colon + 1);
         match text[path..].find('.') {
@@ -95,29 +96,29 @@ impl ProcessName {
         }
     }
 
-    /// Returns the deployment, if one is named.
+    /// Returns the deployment, if the user has named one.
     pub(crate) fn deployment(&self) -> Option<&DeploymentName> {
         self.deployment.as_ref()
     }
 
-    /// Returns the end of a path; none if every process of a deployment is meant.
+    /// Returns the end of a path; nothing if every process of a deployment matches.
     pub(crate) fn process(&self) -> Option<&str> {
         Some(&*self.process).filter(|process| !process.is_empty())
     }
 
-    /// Returns the same processes, in any run of the deployment.
+    /// Returns the name without the number of a run.
     pub(crate) fn of_any_run(&self) -> Self {
         let deployment = self.deployment.as_ref().map(|named| DeploymentName(named.plain().to_owned()));
         Self { deployment, process: self.process.clone() }
     }
 
-    /// Returns whether it names anything: a process, or a deployment.
+    /// Returns whether a process or a deployment is named at all.
     pub(crate) fn is_any(&self) -> bool {
         self.process().is_some() || self.deployment.as_ref().is_some_and(|deployment| !deployment.0.is_empty())
     }
 
-    /// Returns whether the process with this path, of this deployment, is meant. Before the path its deployment may stand, as in
-    /// the keys of parameters: `door/hit/force`.
+    /// Returns whether the name matches the process with this path in this deployment. The path may also begin with the
+    /// deployment, as in the keys of parameters: `door/hit/force`.
     pub(crate) fn is_process(&self, deployment: &Deployment, path: &str) -> bool {
         if self.deployment.as_ref().is_some_and(|named| !named.is(deployment)) {
             return false;
@@ -128,7 +129,7 @@ impl ProcessName {
     }
 }
 
-/// Returns whether a path matches a person's text, by the whole of it or its end.
+/// Returns whether a user's text is the whole path or its end.
 pub(crate) fn is_path(path: &str, meant: &str) -> bool {
     path.strip_suffix(meant).is_some_and(|before| before.is_empty() || before.ends_with('/'))
 }
@@ -196,7 +197,7 @@ mod tests {
         assert_eq!(name("d:main/a"), ("d:main/a".to_owned(), None));
         assert_eq!(name("a."), ("a".to_owned(), Some("")));
         assert_eq!(name("filter.smooth.Out"), ("filter".to_owned(), Some("smooth.Out")));
-        // A deployment may have a dot.
+        // The name of a deployment may contain a dot.
         assert_eq!(name("door.2:a"), ("door.2:a".to_owned(), None));
         assert!(
             ProcessName::parse("").is_err() && ProcessName::parse(":").is_err() && ProcessName::parse("d:").is_ok()

@@ -1,4 +1,4 @@
-//! States with a table of their own, and their names; queues: `dca queue`.
+//! States that have a table of their own, and names for them. Also the table of queues: `dca queue`.
 
 use crate::logic::process_name::ProcessName;
 use comms::logic::messaging::queue::Full;
@@ -12,18 +12,18 @@ use std::fmt::{self, Display, Formatter};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ShownName {
     pub(crate) process: ProcessName,
-    /// The state; any if absent.
+    /// The name of the state; nothing for any state.
     state: Option<String>,
 }
 
-/// A state that is shown in a table of its own: process, name and value are a row.
+/// A state that is shown in a table of its own. Each row has the process, the name and the value.
 pub(crate) trait Shown: Sized {
     /// Returns a table for people.
     fn table(rows: &[(String, String, Self)]) -> String;
-    /// Returns its known values, as an object of JSON.
+    /// Returns the known values of the state, as a JSON object.
     fn fields(&self) -> Value;
 
-    /// Returns an array of JSON: the fields of each, with its process and its name.
+    /// Returns a JSON array with an object for each row: the fields of the state, its process and its name.
     fn json(rows: &[(String, String, Self)]) -> Value {
         let object = |(process, name, value): &(String, String, Self)| {
             let mut fields = value.fields();
@@ -43,10 +43,10 @@ impl Display for ShownName {
 }
 
 impl ShownName {
-    /// Reads a name; returns the mistake in an invalid one.
+    /// Reads a name. If it is not valid, returns the mistake.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let (process, state) = ProcessName::with_name(text);
-        // All processes of a deployment are named, and not one state of all of them.
+        // A name without a state may mean all processes of a deployment. A name with a state has to name a process.
         let is_named = state.map_or_else(|| process.is_any(), |name| !name.is_empty() && process.process().is_some());
         if !is_named {
             return Err(format!(
@@ -56,13 +56,13 @@ impl ShownName {
         Ok(Self { process, state: state.map(str::to_owned) })
     }
 
-    /// Returns whether the state of this name is meant.
+    /// Returns whether the name matches the state of this name.
     pub(crate) fn is_state(&self, name: &str) -> bool {
         self.state.as_ref().is_none_or(|state| state == name)
     }
 }
 
-/// `reject`, `drop lowest`, `drop oldest`
+/// Returns the policy in words: `reject`, `drop lowest`, `drop oldest`.
 fn policy(full: Full) -> &'static str {
     match full {
         Full::Reject => "reject",

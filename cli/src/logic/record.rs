@@ -1,11 +1,13 @@
 //! The record of a run: all reports and signals in one MCAP file.
 //!
-//! Each message is JSON, so that any MCAP viewer shows it, except messages of ROS 2, which are CDR with their definitions: reports on `/events`, a program's samples on `/signals/<path>` as
-//! one object of numbers, what programs write on `/log`. Times are since 1970. The spec and its plan are attachments. What
-//! is here turns entries into messages and a file's bytes back into a [`Run`]; `io::recorder` has the file and the thread.
+//! Each message is JSON, so that any MCAP viewer shows it. Only messages of ROS 2 are CDR, with their definitions.
+//! Reports are on `/events`. The samples of a program are on `/signals/<path>`, each as one object of numbers. The
+//! output of programs is on `/log`. Times are since 1970. The spec and its plan are attachments. This module converts
+//! entries to messages, and the bytes of a file back to a [`Run`]; `io::recorder` has the file and the thread.
 //!
-//! Viewers want more than the format: a schema is an object whose properties have types, without `$ref`; one schema has one
-//! name, one topic one schema; a name that is to be plotted has letters, digits and `_` only.
+//! Viewers need more than the format requires. A schema is an object whose properties have types, without `$ref`. Two
+//! schemas never have the same name, and a topic has only one schema. A name that a viewer plots contains only letters,
+//! digits and `_`.
 //! Sources: the MCAP format specification, <https://mcap.dev/spec>, and its registry of profiles and encodings.
 
 mod lines;
@@ -66,7 +68,7 @@ pub struct Header {
     pub started: Option<Duration>,
 }
 
-/// The small part of a header, in its own attachment; the text and the plan are in others.
+/// The small part of a header, in its own attachment. The text and the plan are in other attachments.
 #[derive(Debug, Serialize, Deserialize)]
 struct About {
     version: u16,
@@ -94,12 +96,12 @@ pub enum Entry {
     Output {
         /// Absolute path of the program.
         path: String,
-        /// When it came, since GO; zero before.
+        /// When it came, since GO; zero if it came before GO.
         at: Duration,
         /// Whole lines, without the last line feed.
         text: String,
     },
-    /// A value that went over a wire. It is read back as a [`RecordedValue`], and only for a replay.
+    /// A value that was sent over a wire. When a record is read, the value becomes a [`RecordedValue`], and only a replay reads it.
     Port {
         /// Path of the producer and its output: `main/force/Out`.
         from: String,
@@ -119,18 +121,18 @@ pub enum Entry {
 pub struct Run {
     /// The header.
     pub header: Header,
-    /// When GO was, since 1970; without a GO, the start of a process tells about when it was.
+    /// When GO was given, since 1970. If the record has no GO, later reports give an estimate.
     pub go: Option<Duration>,
     /// Everything else, in the order in which it was recorded.
     pub entries: Vec<Entry>,
-    /// The values of wires, if they were asked for.
+    /// The values of wires, if the reader asked for them.
     pub values: Vec<RecordedValue>,
-    /// The damage, if the record is not whole: the recorder was killed, or the file was changed.
+    /// The damage, if the record is incomplete: the recorder was killed, or the file was changed.
     pub damage: Option<String>,
 }
 
 impl Run {
-    /// Returns the mission as it was seen at the end of the run.
+    /// Returns the state of the mission at the end of the run.
     pub fn mission(&self) -> Mission {
         let mut mission = Mission::new(&self.header.plan);
         for entry in &self.entries {
@@ -144,7 +146,7 @@ impl Run {
         mission
     }
 
-    /// Returns why it may not be everything, if so: damage, or no word of the deployment's end.
+    /// If the record may be incomplete, returns why: it is damaged, or it has no report of the deployment's end.
     pub fn lacks(&self) -> Option<String> {
         let is_last = |entry: &Entry| matches!(entry, Entry::Report(Report::Finished { .. } | Report::Refused { .. }));
         let cut = || {

@@ -1,4 +1,4 @@
-//! The record types of a spec as a program in Python or Rust declares them.
+//! Prints the record types of a spec as declarations in Python or Rust.
 
 use language::{FieldType, RecordType};
 
@@ -9,29 +9,29 @@ pub(crate) enum Language {
     Rust,
 }
 
-/// A type with the records that are written out in it, each with a name: those come first.
+/// A record type with its name. Records that are written out inside it have names of their own, and come before it.
 struct Named<'a> {
     name: String,
     doc: &'a str,
     fields: &'a [(String, FieldType)],
-    /// Whether the spec gives it its name.
+    /// Whether the spec itself gives the type this name.
     is_own: bool,
 }
 
 const PYTHON_HEAD: &str = "from dataclasses import dataclass\nfrom typing import Annotated\n\nimport dca\n";
 const RUST_HEAD: &str = "use controllers::sdk::Message;\nuse serde::{Deserialize, Serialize};\n";
-/// Words that are not the name of a field in Python.
+/// Words that cannot be the name of a field in Python.
 const PYTHON_WORDS: &str = "False None True and as assert async await break class continue def del elif else except finally for from global \
                             if import in is lambda nonlocal not or pass raise return try while with yield";
-/// Words that are the name of a field in Rust only behind `r#`.
+/// Words that can be the name of a field in Rust only after `r#`.
 const RUST_WORDS: &str = "abstract as async await become box break const continue do dyn else enum extern false final fn for gen if impl \
                           in let loop macro match mod move mut override priv pub ref return static struct trait true try type typeof \
                           unsafe unsized use virtual where while yield";
 
-/// Returns the types as text of a file.
+/// Returns the types as the text of a file.
 ///
 /// # Errors
-/// If a type or a field cannot be in a program of this language.
+/// A type or a field cannot be expressed in this language.
 pub(crate) fn printed(types: &[RecordType], language: Language) -> Result<String, String> {
     let mut all = Vec::new();
     for one in types {
@@ -67,7 +67,7 @@ fn collect<'a>(all: &mut Vec<Named<'a>>, name: &str, doc: &'a str, fields: &'a [
     all.push(Named { name: name.to_owned(), doc, fields, is_own });
 }
 
-/// Returns the types so that each stands behind those that it uses, as Python wants it.
+/// Sorts the types so that each comes after the types that it uses. Python requires this.
 fn in_order<'a, 'b>(all: &'b [Named<'a>]) -> Vec<&'b Named<'a>> {
     let (mut done, mut rest): (Vec<&Named<'_>>, Vec<&Named<'_>>) = (Vec::new(), all.iter().collect());
     while !rest.is_empty() {
@@ -81,7 +81,7 @@ fn in_order<'a, 'b>(all: &'b [Named<'a>]) -> Vec<&'b Named<'a>> {
     done
 }
 
-/// Returns the name of the record type that a field uses.
+/// Returns the name of the record type that a field uses, if any.
 fn named(kind: &FieldType) -> Option<&str> {
     match kind {
         FieldType::Named(name) => Some(name),
@@ -90,7 +90,7 @@ fn named(kind: &FieldType) -> Option<&str> {
     }
 }
 
-/// Returns the name of a record that is written out: `GoalPose` of the field `pose` of `Goal`.
+/// Returns the name for a record that is written out: `GoalPose` for the field `pose` of `Goal`.
 fn inner_name(outer: &str, field: &str) -> String {
     let words = field.split('_').map(|word| {
         let mut letters = word.chars();
@@ -117,7 +117,7 @@ fn python(one: &Named<'_>) -> Result<String, String> {
     Ok(text)
 }
 
-/// Returns whether a field is the time of measurement, if there is one: a list of at most one.
+/// Returns whether a field is an optional time of measurement: the list `stamp` of type `Time[]`, with at most one element.
 fn is_optional_stamp(field: &str, kind: &FieldType) -> bool {
     let is_time = |of: &FieldType| matches!(of, FieldType::Plain(plain) if plain == "Time");
     field == "stamp" && matches!(kind, FieldType::List { of, count: None } if is_time(of))
@@ -177,13 +177,13 @@ fn rust_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, String
     })
 }
 
-/// Returns a type of the language; refuses what only one program knows.
+/// Returns `plain` if the language knows this type. Refuses a type that only one program knows.
 fn known<'a>(plain: &'a str, name: &str, field: &str) -> Result<&'a str, String> {
     let is_known = plain == "Number" || plain == "Bytes" || language::quantity("1", plain).is_some();
     is_known.then_some(plain).ok_or_else(|| format!("`{name}.{field}`: the spec does not say what a `{plain}` is"))
 }
 
-/// Returns the method that says when a message was measured; none if it has no field for that.
+/// Returns the method that gives the time of measurement of a message; nothing if the message has no field for it.
 fn stamp(fields: &[(String, FieldType)]) -> Option<String> {
     let (_, kind) = fields.iter().find(|(name, _)| name == "stamp")?;
     let value = match kind {
@@ -197,8 +197,8 @@ fn stamp(fields: &[(String, FieldType)]) -> Option<String> {
     ))
 }
 
-/// Returns fields as a spec spells them. A record in a record is written out, as a program in Python declares it too; one in a list has its
-/// name.
+/// Returns fields as a spec writes them. A record in a record is written out, because a program in Python declares it
+/// so. A record in a list keeps its name.
 fn spelt(fields: &[(String, FieldType)], all: &[Named<'_>]) -> String {
     let kind = |one: &FieldType| match one {
         FieldType::Plain(text) => text.clone(),
@@ -228,7 +228,7 @@ mod tests {
     use language::{Source, record_types};
 
     const SPEC: &str = "
-        /// A way to go.
+        /// Describes a way to go.
         type Way = { points: Point[], goal: { at: Point, in: Truth }, stamp: Time[] };
         type Point = { x: Length, y: Length, label: Text };
         type Frame = { image: Bytes, box: Number[4] };";
@@ -307,7 +307,7 @@ mod tests {
                 pub r#in: bool,
             }
 
-            /// A way to go.
+            /// Describes a way to go.
             #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
             pub struct Way {
                 pub points: Vec<Point>,

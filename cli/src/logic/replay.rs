@@ -1,4 +1,4 @@
-//! A record as a source of values: the processes of a plan that it can stand in for, and the values that each of them sends.
+//! A record as a source of values: which processes of a plan it can replace, and which values each of them sends.
 
 mod encode;
 mod steps;
@@ -16,33 +16,33 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::time::Duration;
 
-/// How long the mission goes on behind the end of the record, so that the last values are worked on.
+/// How long the mission continues after the end of the record, so that the last values are processed.
 pub(crate) const TAIL: Duration = Duration::from_secs(1);
 
-/// A process for which a record stands in.
+/// A process that is replaced by values of the record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StandIn {
     /// Index into `Plan::leaves`.
     pub(crate) leaf: u32,
-    /// Its connected outputs: first those of which there are values.
+    /// The connected outputs of the process. Outputs with recorded values come first.
     pub(crate) outputs: Vec<String>,
     /// How many of the outputs have values.
     pub(crate) recorded: usize,
 }
 
-/// How a stand-in is started.
+/// The options for starting a stand-in.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Playing<'a> {
     /// The program that plays steps.
     pub(crate) program: &'a Path,
     /// The file with the steps.
     pub(crate) file: &'a Path,
-    /// How much faster than recorded.
+    /// The speed of the replay, relative to the recording.
     pub(crate) rate: f64,
 }
 
-/// Chooses the processes for which the record stands in: those of the outputs that a person names, or else each process that only sends.
-/// `recorded` has the number of values of each output, by its path: `main/laser/Scan`.
+/// Chooses the processes that the record replaces. These are the processes of the outputs that the user names, or else
+/// all processes that only send. `recorded` has the number of values of each output, by its path: `main/laser/Scan`.
 ///
 /// # Errors
 /// A sentence for a person.
@@ -93,15 +93,15 @@ fn stand_in(plan: &Plan, recorded: &BTreeMap<String, u64>, index: u32, leaf: &Le
     StandIn { leaf: index, outputs: played.into_iter().chain(silent).map(str::to_owned).collect(), recorded }
 }
 
-/// Returns whether a leaf only sends. The bridge to ROS 2 stands for sensors as well as for actuators, and counts as a sensor. An activity
-/// decides again what it sends.
+/// Returns whether a leaf only sends. The bridge to ROS 2 stands for sensors and actuators, and counts as a sensor. An
+/// activity does not count: it decides again which values it sends.
 fn is_source(plan: &Plan, index: u32) -> bool {
     let is_bridge = plan.leaves.get(index as usize).is_some_and(|leaf| leaf.module == BRIDGE);
     let hears = |wire: &Wire| wire.to.leaf == index && wire.transfer != Transfer::Call;
     is_bridge || !plan.has_ports(index) && !plan.wires.iter().any(hears)
 }
 
-/// Has a stand-in take the place of its process in the plan.
+/// Replaces a process in the plan by its stand-in.
 pub(crate) fn replace(plan: &mut Plan, stand_in: &StandIn, playing: Playing<'_>) {
     let index = stand_in.leaf;
     let texts = [
@@ -125,14 +125,14 @@ pub(crate) fn replace(plan: &mut Plan, stand_in: &StandIn, playing: Playing<'_>)
     plan.claims.retain(|claim| claim.leaf != index);
 }
 
-/// Returns the names of the ports of a leaf at one end of its wires, or of its calls.
+/// Returns the ports of a leaf at one end of its wires, or of its calls.
 fn ports(plan: &Plan, leaf: u32, is_call: bool, end: fn(&Wire) -> &LeafPort) -> String {
     let meant = plan.wires.iter().filter(|wire| (wire.transfer == Transfer::Call) == is_call);
     let own = meant.map(end).filter(|end| end.leaf == leaf).map(|end| end.port.as_str());
     own.collect::<BTreeSet<&str>>().into_iter().collect::<Vec<_>>().join(" ")
 }
 
-/// Has the mission end, done, when the record has been played. Returns whether it does: the states of an activity cannot be ended so.
+/// Makes the mission end as done after the length of the record. Returns whether this is possible: an activity cannot be ended like this.
 pub(crate) fn end_after(plan: &mut Plan, length: Duration) -> bool {
     let Some(main) = plan.groups.first_mut().filter(|main| !matches!(main.expression, Expression::Chart(_))) else {
         return false;

@@ -1,4 +1,4 @@
-//! Messages of ROS 2 as JSON.
+//! Shows messages of ROS 2 as JSON.
 
 mod written;
 
@@ -9,29 +9,29 @@ use ros::logic::library;
 use ros::logic::schema::{Schema, Struct};
 use serde_json::{Map, json};
 
-/// The most bytes of a field that are shown one by one: more are an image or a cloud of points.
+/// The most bytes of a field that are shown one by one. More bytes are usually an image or a cloud of points.
 const BYTES_MAX: usize = 1024;
 
-/// Returns the message in bytes of CDR as an object with the names of its fields; nothing if there is no such standard type, or the
-/// bytes are none of it. A number that JSON does not have is a text: `"inf"`, `"-inf"`, `"NaN"`.
+/// Decodes CDR bytes to an object with the names of the fields. Returns nothing if there is no such standard type, or
+/// if the bytes do not fit it. A number that JSON cannot hold becomes a text: `"inf"`, `"-inf"`, `"NaN"`.
 pub(crate) fn decode(of: &str, bytes: &[u8]) -> Option<serde_json::Value> {
     let schema = schema(of)?;
     let value = cdr::read(&schema, bytes).ok()?;
     Some(shown(&schema, schema.root(), &value))
 }
 
-/// Returns the standard type that a spec means: `ros.sensor.LaserScan`.
+/// Returns the standard type that a name in a spec stands for: `ros.sensor.LaserScan`.
 pub(crate) fn schema(of: &str) -> Option<Schema> {
     library::schema(&library::by_spec(of)?).ok()
 }
 
-/// Shows a value; `of` is the type of the records in it.
+/// Shows a value. `of` is the type of the records that it contains.
 fn shown(schema: &Schema, of: &Struct, value: &Value) -> serde_json::Value {
     match value {
         Value::Truth(truth) => json!(truth),
         Value::Signed(number) => json!(number),
         Value::Unsigned(number) => json!(number),
-        // As short as the number is written with the digits that it has.
+        // This keeps the number as short as a single-precision number is written.
         Value::Single(number) => number_of(number.to_string().parse().unwrap_or(f64::from(*number))),
         Value::Double(number) => number_of(*number),
         Value::Text(text) => json!(text),

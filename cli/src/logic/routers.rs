@@ -7,7 +7,7 @@ use node::logic::printable::printable;
 use node::logic::table::table;
 use serde_json::{Value, json};
 
-/// `category motion or priority 5`
+/// Formats the filters of a subscriber: `category motion or priority 5`.
 fn filters(subscriber: &SubscriberStatus) -> String {
     if subscriber.filters.is_empty() {
         return Filter::default().to_string();

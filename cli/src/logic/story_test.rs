@@ -1,4 +1,4 @@
-//! A test that `dca verify --test` writes and `dca test` runs: a mistake of a spec, and the story of how it comes to it.
+//! A test that `dca verify --test` writes and `dca test` runs. It contains a mistake of a spec, and the story that leads to the mistake.
 
 use language::Diagnostic;
 use language::plan::Plan;
@@ -8,20 +8,20 @@ use verify::{Finding, Script, Verdict};
 /// A mistake that was found once, in the form of its file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct StoryTest {
-    /// The spec, from the folder of the file.
+    /// The path of the spec, relative to the folder of the test.
     pub(crate) spec: String,
     /// The code of the mistake: `E0817`.
     pub(crate) code: String,
     /// The message about it.
     pub(crate) message: String,
-    /// The sentence that did not hold, as a block: `verify main { never a with b; }`.
+    /// The sentence of the spec that did not hold, as a block: `verify main { never a with b; }`.
     pub(crate) block: Option<String>,
-    /// The way to the mistake; none without a story.
+    /// The events that lead to the mistake; nothing if the mistake has no story.
     pub(crate) script: Option<Script>,
 }
 
 impl StoryTest {
-    /// Makes the test of something that does not hold.
+    /// Makes a test from a finding that does not hold.
     pub(crate) fn of(spec: &str, finding: &Finding, plan: &Plan, sites: &Sites) -> Option<Self> {
         let diagnostic = finding.diagnostic.as_ref()?;
         let is_it = |property: &&Property| is_about(diagnostic, property, plan);
@@ -35,7 +35,7 @@ impl StoryTest {
         })
     }
 
-    /// Returns the file, with the story in words.
+    /// Returns the content of the file, with the story in words.
     pub(crate) fn text(&self, story: &[String]) -> String {
         let Self { spec, code, message, block, script } = self;
         let mut text = format!(
@@ -51,7 +51,7 @@ impl StoryTest {
         text
     }
 
-    /// Reads a file.
+    /// Reads the content of a file.
     ///
     /// # Errors
     /// One sentence about the mistake, for a person.
@@ -67,7 +67,7 @@ impl StoryTest {
             } else {
                 rest += line;
             }
-            // Lines keep their numbers.
+            // An empty line keeps the numbers of the following lines.
             rest.push('\n');
         }
         let script: Script = rest.parse().map_err(|error: verify::ScriptError| error.to_string())?;
@@ -77,7 +77,7 @@ impl StoryTest {
         Ok(Self { spec, code, message, block, script })
     }
 
-    /// Returns the answer to the same question among others; none if it is no longer asked.
+    /// Returns the finding that answers the same question; nothing if the question is no longer asked.
     pub(crate) fn answer<'f>(&self, findings: &'f [Finding]) -> Option<&'f Finding> {
         let is_it = |finding: &&Finding| {
             let code = finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code.to_string());
@@ -91,25 +91,25 @@ impl StoryTest {
         fails.into_iter().find(is_it).or_else(|| findings.iter().find(|finding| finding.verdict == Verdict::Open))
     }
 
-    /// Whether a spec has the sentence already, as one of its properties.
+    /// Returns whether the spec already contains the sentence as one of its properties.
     pub(crate) fn is_stated(&self, plan: &Plan, sites: &Sites) -> bool {
         sites.properties.iter().any(|property| self.block.as_ref() == Some(&block(property, plan)))
     }
 }
 
-/// A property as a separate block.
+/// Returns a property as a separate block.
 fn block(property: &Property, plan: &Plan) -> String {
     format!("verify {} {{ {}; }}", plan.groups[property.group as usize].process, property.text)
 }
 
-/// Whether a mistake is that a property does not hold.
+/// Returns whether the mistake is that this property does not hold.
 fn is_about(diagnostic: &Diagnostic, property: &Property, plan: &Plan) -> bool {
     let path = &plan.groups[property.group as usize].path;
     let name = path.strip_prefix("main/").unwrap_or(path);
     diagnostic.primary.span == property.span && diagnostic.message.contains(&format!("`{name}`"))
 }
 
-/// The names between backquotes.
+/// Returns the names between backquotes.
 fn names(text: &str) -> Vec<&str> {
     text.split('`').skip(1).step_by(2).collect()
 }

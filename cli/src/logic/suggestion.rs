@@ -1,10 +1,10 @@
-//! Suggestions for unknown names.
+//! Suggests a known name in place of an unknown one.
 
 use crate::logic::process_name::{DeploymentName, ProcessName};
 use node::logic::protocol::Deployment;
 use std::collections::BTreeSet;
 
-/// Returns the deployment that may be meant: another run of the same name, or the name that looks most like it.
+/// Returns the deployment that the user may have meant: another run of the same name, or the most similar name.
 pub(crate) fn deployment<'a>(
     name: &DeploymentName,
     known: impl Iterator<Item = &'a Deployment> + Clone,
@@ -14,7 +14,7 @@ pub(crate) fn deployment<'a>(
     latest.map(ToString::to_string).or_else(similar)
 }
 
-/// Returns the process that may be meant, as a person may write it.
+/// Returns the process that the user may have meant, in a form that the user can write.
 pub(crate) fn process<'a>(
     name: &ProcessName,
     known: impl Iterator<Item = (&'a Deployment, &'a str)> + Clone,
@@ -30,12 +30,12 @@ pub(crate) fn process<'a>(
     Some(named.map_or_else(|| near.to_owned(), |named| format!("{named}:{near}")))
 }
 
-/// Returns a path and all ends of it.
+/// Returns a path and all of its ends.
 fn ends(path: &str) -> impl Iterator<Item = &str> {
     std::iter::once(path).chain(path.match_indices('/').map(|(at, _)| &path[at + 1..]))
 }
 
-/// Returns the end of a sentence that says that nothing has a name.
+/// Returns the second half of a sentence that says that a name is unknown.
 pub(crate) fn question(near: Option<String>, otherwise: &str) -> String {
     near.map_or_else(|| otherwise.to_owned(), |near| format!("did you mean `{near}`?"))
 }

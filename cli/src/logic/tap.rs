@@ -1,5 +1,4 @@
-//! The values of an output for `dca echo` and `dca hz`: matching outputs, fields of a value, losses on the way, and
-//! rates.
+//! The values of an output, for `dca echo` and `dca hz`: which outputs match, the fields of a value, losses on the way, and rates.
 
 use crate::logic::process_name::ProcessName;
 use crate::logic::record::{decoded, messages};
@@ -12,7 +11,7 @@ use serde_json::{Value, json};
 use std::fmt::{self, Display, Formatter};
 use std::time::Duration;
 
-/// The outputs that a person means: `Out`, `force.Out`, `door:hit/force.Out`, `plant.arm/state`, inside a group `filter.smooth.Out`.
+/// The outputs that a user names: `Out`, `force.Out`, `door:hit/force.Out`, `plant.arm/state`, inside a group `filter.smooth.Out`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Wanted {
     process: ProcessName,
@@ -20,11 +19,11 @@ pub(crate) struct Wanted {
 }
 
 impl Wanted {
-    /// Reads `[[DEPLOYMENT:]INSTANCE.]OUTPUT`; says what is wrong with it.
+    /// Reads `[[DEPLOYMENT:]INSTANCE.]OUTPUT`. If the text is not valid, returns the mistake.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let (process, output) = match ProcessName::with_name(text) {
             (process, Some(output)) => (process, output),
-            // Without a process every one may have it.
+            // Without a process, outputs of all processes match.
             (_, None) => {
                 let output = text.rfind(':').map_or(0, |colon| colon + 1);
                 (ProcessName::new(&text[..output]), &text[output..])
@@ -38,18 +37,18 @@ impl Wanted {
         Ok(Self { process, output: output.to_owned() })
     }
 
-    /// Returns it as a text without a deployment.
+    /// Returns the name without the deployment.
     pub(crate) fn bare(&self) -> String {
         let process = self.process.process().map(|process| format!("{process}.")).unwrap_or_default();
         format!("{process}{}", self.output)
     }
 
-    /// Returns the processes that are meant.
+    /// Returns the processes that the name matches.
     pub(crate) fn process(&self) -> &ProcessName {
         &self.process
     }
 
-    /// Returns whether the output of this name is meant, of a process that is.
+    /// Returns whether an output of this name matches, if its process matches.
     pub(crate) fn is_output(&self, name: &str) -> bool {
         self.output == name
     }
@@ -62,10 +61,9 @@ impl Display for Wanted {
     }
 }
 
-/// Returns the type of an output's values, as far as the program names their fields. `all` has the types that it may be
-/// made of.
+/// Returns the type of an output's values, as far as the program names their fields. `all` contains the types that it may consist of.
 pub(crate) fn message(output: &OutputType, all: &Outputs) -> Option<Message> {
-    // First its own: two members of a group may have different types of one name.
+    // The output's own type comes first: two members of a group may have different types of the same name.
     let types = std::iter::once(output).chain(all.all());
     let mut types: Vec<&OutputType> = types.filter(|one| !one.fields.is_empty()).collect();
     types.sort_by_key(|one| &one.type_name);
@@ -76,22 +74,22 @@ pub(crate) fn message(output: &OutputType, all: &Outputs) -> Option<Message> {
     messages(&[Source::new("outputs", text)]).remove("Program")?.remove("Out")
 }
 
-/// Returns a value as JSON; without a type, or if it is not laid out so, how long it is.
+/// Returns a value as JSON. If its type is unknown or does not fit the bytes, returns only its size.
 pub(crate) fn value(message: Option<&Message>, bytes: &[u8]) -> Value {
     message.and_then(|message| decoded(message, bytes)).unwrap_or_else(|| json!({ "size": bytes.len() }))
 }
 
-/// The gap before a value, from its number.
+/// The gap before a value, according to its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Gap {
     None,
-    /// So many were lost on the way here.
+    /// This many values were lost on the way here.
     Lost(u64),
-    /// The program was restarted, and its numbers as well.
+    /// The program was restarted, so its numbers begin again.
     Restarted,
 }
 
-/// Compares the numbers of the values of one output.
+/// Compares the numbers of an output's values.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Numbers {
     last: Option<u64>,
@@ -107,15 +105,15 @@ impl Numbers {
     }
 }
 
-/// How often values leave an output, by the clock of the program's host: values lost on the way also count.
+/// The rate at which an output sends values, by the clock of the program's host. Values that were lost on the way count as well.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rate {
-    /// Number and time of the first value and of the last.
+    /// The number and the time of the first and of the last value.
     first: Option<(u64, Time)>,
     last: Option<(u64, Time)>,
     shortest: Option<Duration>,
     longest: Option<Duration>,
-    /// Values that came, and their bytes.
+    /// How many values arrived, and how many bytes.
     count: u64,
     size: u64,
     lost: u64,
@@ -144,7 +142,7 @@ impl Rate {
         self.size += u64::try_from(tapped.bytes.len()).unwrap_or(u64::MAX);
     }
 
-    /// Returns the rate from the last value on: earlier values no longer count.
+    /// Returns a new rate that begins with the last value. Earlier values no longer count.
     pub(crate) fn next(&self) -> Self {
         Self { first: self.last, last: self.last, ..Self::default() }
     }
@@ -154,7 +152,7 @@ impl Rate {
         self.count == 0
     }
 
-    /// Returns values a second (Hz); none before there are two.
+    /// Returns the values per second (Hz); nothing while there are fewer than two values.
     pub(crate) fn hertz(&self) -> Option<f64> {
         let ((first, begin), (last, end)) = (self.first?, self.last?);
         let took = end.since(begin).as_secs_f64();
@@ -162,7 +160,7 @@ impl Rate {
         (last > first && took > 0.0).then(|| (last - first) as f64 / took)
     }
 
-    /// Returns bytes a second; none before there are two values.
+    /// Returns the bytes per second; nothing while there are fewer than two values.
     pub(crate) fn bytes(&self) -> Option<f64> {
         #[expect(clippy::cast_precision_loss, reason = "a count for people")]
         let size = (self.count > 0).then(|| self.size as f64 / self.count as f64)?;
@@ -181,7 +179,7 @@ impl Rate {
         format!("{hertz:.1} Hz{interval}, {}, {} lost on the way here", a_second(bytes), self.lost)
     }
 
-    /// Returns the rate for programs: Hz, seconds, bytes a second.
+    /// Returns the rate as JSON: Hz, seconds, bytes per second.
     pub(crate) fn json(&self) -> Value {
         let seconds = |time: Option<Duration>| time.map(|time| time.as_secs_f64());
         json!({
@@ -259,7 +257,7 @@ mod tests {
         assert_eq!(value(Some(&known), &bytes), json!({ "force": [1.5, 2.0], "soft": true }));
         assert_eq!(value(Some(&known), &bytes[1..]), json!({ "size": 16 }));
         assert_eq!((message(&all.outputs[1], &all), value(None, b"abc")), (None, json!({ "size": 3 })));
-        // Members of a group know only their own types.
+        // Each member of a group knows only its own types.
         let of = |at: usize| message(&all.inner[at].output, &all);
         assert_eq!(value(of(0).as_ref(), &bytes), json!({ "force": [1.5, 2.0], "soft": true }));
         assert_eq!(value(of(1).as_ref(), &[1]), json!({ "soft": true }));
@@ -286,7 +284,7 @@ mod tests {
         assert_eq!(next.text(), "no value");
         next.take(&tapped(10, 1052));
         assert_eq!(next.text(), "100.0 Hz, 10 ms to 10 ms apart, 5.0 kB/s, 0 lost on the way here");
-        // The program was started again.
+        // The program was restarted.
         next.take(&tapped(1, 1100));
         assert_eq!(next.text(), "1 value");
     }

@@ -1,7 +1,7 @@
 //! A record as a trace of OpenTelemetry: the mission and each activation of a process are spans.
 //!
-//! The form is that of the OTLP file exporter: each line is one `ExportTraceServiceRequest` in JSON, as collectors read from a file,
-//! or take in a POST of `/v1/traces`. The same record gives the same bytes.
+//! The form is that of the OTLP file exporter: each line is one `ExportTraceServiceRequest` in JSON. Collectors read
+//! such lines from a file, or as a POST to `/v1/traces`. The same record always gives the same bytes.
 //! Source: OpenTelemetry Protocol 1.5, JSON Protobuf Encoding; OTLP File Exporter.
 
 use crate::logic::record::{Entry, Run};
@@ -12,11 +12,11 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use view::sentence::{change_text, ending_text};
 
-/// The most spans of one line. Collectors take 4 MiB at a time, and a span has about 1 KiB.
+/// The most spans in one line. Collectors accept 4 MiB at a time, and a span has about 1 KiB.
 const SPANS_MAX: usize = 1_000;
-/// The most events of one span; the record has all of them.
+/// The most events of one span. The record contains all of them.
 const EVENTS_MAX: usize = 128;
-/// The kind of a span that is neither a request nor an answer.
+/// The kind of a span that is neither a request nor a response.
 const INTERNAL: u8 = 1;
 const STATUS_OK: u8 = 1;
 const STATUS_ERROR: u8 = 2;
@@ -28,7 +28,7 @@ struct Span {
     parent: Option<usize>,
     begin: Duration,
     end: Option<Duration>,
-    /// The end in words; for a failure also the process that it began with.
+    /// How the span ended, in words. For a failure, also the process where it began.
     outcome: Option<SpanEnd>,
     events: Vec<(Duration, String)>,
     events_dropped: usize,
@@ -56,9 +56,9 @@ impl SpanEnd {
 #[derive(Debug, Default)]
 struct Spans {
     all: Vec<Span>,
-    /// The span of each process that is active.
+    /// The span of each process that is active now.
     active: BTreeMap<String, usize>,
-    /// The latest span of each process, which a failure names as its origin.
+    /// The latest span of each process. A failure refers to the span of the process where it began.
     latest: BTreeMap<String, usize>,
     now: Duration,
 }
@@ -81,7 +81,7 @@ impl Spans {
     }
 
     fn begin(&mut self, path: &str, at: Duration) {
-        // `main` is in the mission, and each other process in its group.
+        // `main` belongs to the span of the mission, and each other process to the span of its group.
         let around = path.rsplit_once('/').map_or("", |(around, _)| around);
         let parent = (!path.is_empty()).then(|| self.active.get(around).copied().unwrap_or_default());
         let place = self.all.len();
@@ -117,7 +117,7 @@ impl Spans {
         }
     }
 
-    /// Notes an event in the span of the process, or in that of the mission if the process is not active.
+    /// Adds an event to the span of the process. If the process is not active, adds it to the span of the mission.
     fn event(&mut self, path: &str, change: &Change, at: Duration) {
         self.now = self.now.max(at);
         let place = self.active.get(path).copied();
@@ -131,7 +131,8 @@ impl Spans {
     }
 }
 
-/// Returns the lines of the trace of a record. The deployment names the service. Times count from `go`, since 1970.
+/// Returns the lines of a record's trace. The name of the deployment becomes the name of the service. Times count from
+/// `go`, which is since 1970.
 pub(crate) fn lines(run: &Run, go: Duration) -> Vec<String> {
     let accepted = |entry: &Entry| {
         if let Entry::Report(Report::Accepted { deployment }) = entry { Some(deployment.to_string()) } else { None }
@@ -189,7 +190,7 @@ impl Context<'_> {
         shown
     }
 
-    /// Links a failure with the activation that it began with.
+    /// Links a failure to the activation where it began.
     fn links(&self, place: usize) -> Vec<Value> {
         let origin = self.spans.all[place].outcome.as_ref().and_then(|outcome| outcome.origin.as_deref());
         let origin = origin.and_then(|path| self.spans.latest.get(path)).filter(|origin| **origin != place);
@@ -200,7 +201,7 @@ impl Context<'_> {
         origin.map(link).into_iter().collect()
     }
 
-    /// Returns a time since GO in nanoseconds since 1970. JSON has 64-bit numbers as texts.
+    /// Converts a time since GO to nanoseconds since 1970. In JSON, 64-bit numbers are texts.
     fn time(&self, at: Duration) -> String {
         self.go.saturating_add(at).as_nanos().to_string()
     }
@@ -225,14 +226,14 @@ fn hosts(plan: &Plan) -> BTreeMap<&str, &str> {
     all.filter_map(|(path, host)| Some((path, plan.hosts.get(host as usize)?.as_str()))).collect()
 }
 
-/// Returns the number of a trace: two runs differ in the moment of GO, or in their names.
+/// Returns the id of a trace. Two runs have different ids, because their times of GO or their names differ.
 fn trace_id(deployment: &str, go: Duration) -> String {
     let mut hasher = blake3::Hasher::new_derive_key("dca trace id 1");
     hasher.update(&go.as_nanos().to_le_bytes()).update(deployment.as_bytes());
     hasher.finalize().to_hex()[..32].to_owned()
 }
 
-/// Returns the number of a span: 0 is not allowed.
+/// Returns the id of a span. The id 0 is not allowed.
 fn span_id(place: usize) -> String {
     format!("{:016x}", place + 1)
 }

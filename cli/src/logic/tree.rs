@@ -1,10 +1,10 @@
-//! The processes of all hosts as a tree for people.
+//! Shows the processes of all hosts as a tree.
 
 use node::logic::protocol::{AbsentProcess, Deployment, NodeStatus, ProcessStatus};
 use node::logic::table::table;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One deployment as all nodes report it: its phases, and each process with its host.
+/// One deployment, as all nodes report it: its phases, and its processes with their hosts.
 #[derive(Default)]
 struct Parts<'a> {
     phases: BTreeSet<&'a str>,
@@ -30,12 +30,11 @@ impl<'a> Row<'a> {
 pub struct Unknown<'a> {
     /// The process.
     pub process: &'a AbsentProcess,
-    /// The word for its state.
+    /// Its state, in a few words.
     pub state: String,
 }
 
-/// Returns every deployment as one tree, combined from each node's report on its own part, and those of hosts that do
-/// not answer.
+/// Returns every deployment as one tree. Each node reports its own part; the processes on hosts that do not answer are added.
 pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
     let mut deployments: BTreeMap<&Deployment, Parts<'_>> = BTreeMap::new();
     for Unknown { process, state } in unknown {
@@ -59,7 +58,7 @@ pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
             let name = path.rsplit('/').next().unwrap_or(path);
             let pid = process.pid.map(|pid| format!("pid {pid}")).unwrap_or_default();
             let name = format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind);
-            // A state that needs a sentence has it behind its word.
+            // If a state needs a sentence, the sentence follows its word.
             let (state, said) = process.state.split_once("; ").unwrap_or((process.state, ""));
             sentences.extend(Some(format!("{path}: {said}")).filter(|_| !said.is_empty()));
             rows.push(vec![name, state.to_owned(), process.host.to_owned(), pid]);
@@ -76,7 +75,7 @@ pub(crate) mod tests {
     use node::logic::protocol::{Containment, DeploymentStatus, Network};
     use std::time::Duration;
 
-    /// Returns a node of `door@1` for tests, whose home is `c1`: processes with path, state and process id.
+    /// Returns the status of a node for tests. It has a part of `door@1`, whose home is `c1`: processes with path, state and process id.
     pub(crate) fn door_node(host: &str, processes: &[(&str, &str, Option<u32>)]) -> NodeStatus {
         let process = |(path, state, pid): &(&str, &str, Option<u32>)| ProcessStatus {
             path: (*path).to_owned(),
@@ -121,7 +120,7 @@ door@1        running
   main: Any   running        c1
     hit: Any  dead: SIGSEGV  c2  pid 12";
         assert_eq!(tree(&statuses, &[]), expected);
-        // A state that needs a sentence has it below.
+        // If a state needs a sentence, the tree shows the sentence below.
         let held = [door_node("c1", &[("main", "running; `main/b` waits", None), ("main/b", "idle", None)])];
         let expected = "\
 door@1       running
@@ -130,7 +129,7 @@ door@1       running
 
 main: `main/b` waits";
         assert_eq!(tree(&held, &[]), expected);
-        // The processes on a lost host are not left out.
+        // The processes on a lost host are shown as well.
         let absent = |path: &str| AbsentProcess {
             deployment: Deployment { name: "door".into(), epoch: 1 },
             host: "c3".into(),

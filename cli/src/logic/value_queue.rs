@@ -1,30 +1,30 @@
-//! Values of robots that wait for this command.
+//! A queue of values that robots have sent to this command.
 //!
-//! No robot waits for a slow command: the source with the most bytes loses its oldest values. Thus a camera does not displace the
-//! values of other sources.
+//! Robots do not wait for a slow command. If the queue is full, the source with the most bytes loses its oldest values.
+//! So a camera cannot displace the values of other sources.
 
 use std::collections::{BTreeMap, VecDeque};
 
-/// The most bytes that wait: two seconds of a camera with 4 MB a second. A value that is longer waits alone.
+/// The most bytes in the queue: two seconds of a camera with 4 MB/s. A larger value can only be in the queue alone.
 const SIZE_MAX: usize = 8 << 20;
-/// The least bytes that a value counts, so that at most 2048 values wait.
+/// A value counts as at least this many bytes, so that the queue has at most 2048 values.
 const VALUE_MIN: usize = 4 << 10;
 
-/// A value that has waited.
+/// A value that comes out of the queue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Queued<S, V> {
     pub(crate) source: S,
     pub(crate) value: V,
-    /// How many values of its source were left out before it.
+    /// How many earlier values of the same source were dropped.
     pub(crate) lost: u64,
 }
 
-/// The values that wait.
+/// The queue.
 #[derive(Debug)]
 pub(crate) struct ValueQueue<S, V> {
     sources: BTreeMap<S, Waiting<V>>,
     size: usize,
-    /// The place of the next value in the order in which all came.
+    /// The position of the next value among all values that came.
     next: u64,
 }
 
@@ -43,7 +43,7 @@ struct Entry<V> {
 }
 
 impl<S: Ord + Clone, V> ValueQueue<S, V> {
-    /// Adds a value of so many bytes.
+    /// Adds a value of this size in bytes.
     pub(crate) fn push(&mut self, source: &S, size: usize, value: V) {
         let size = size.max(VALUE_MIN);
         while self.size > 0 && self.size.saturating_add(size) > SIZE_MAX {
@@ -72,7 +72,7 @@ impl<S: Ord + Clone, V> ValueQueue<S, V> {
         Some(Queued { source, value, lost })
     }
 
-    /// Leaves out the oldest value of the source with the most bytes.
+    /// Drops the oldest value of the source with the most bytes.
     fn drop_one(&mut self) {
         let Some(most) = self.sources.values_mut().max_by_key(|waiting| waiting.size) else { return };
         if let Some(oldest) = most.values.pop_front() {
@@ -116,7 +116,7 @@ mod tests {
         assert_eq!((queue.pop(), queue.size), (None, 0));
     }
 
-    /// Values come in their order. Each was taken out or counted, and no more than the limit waits.
+    /// Values leave the queue in their order. Each value leaves it or is counted, and the queue never exceeds its limit.
     #[test]
     fn each_value_is_taken_in_order_or_counted() {
         for seed in 0..100 {
@@ -142,7 +142,7 @@ mod tests {
             while let Some(one) = queue.pop() {
                 take(one);
             }
-            // A large value of one source may leave out the last of another.
+            // A large value of one source may displace the last value of another source.
             let rest = |source: usize| queue.sources.get(&source).map_or(0, |waiting| waiting.lost);
             assert_eq!([0, 1, 2].map(|source| next[source] + rest(source)), put, "seed {seed}");
         }

@@ -1,4 +1,4 @@
-//! `dca logs` without a name: lists the processes with output.
+//! `dca logs` without a name: lists the processes that have output.
 
 use crate::absent;
 use crate::client::Clients;
@@ -7,7 +7,7 @@ use node::console::{self, Failure};
 use node::logic::protocol::{LeafStatus, NodeStatus, leaves};
 use node::logic::table::table;
 
-/// Lists the programs of all deployments, or of one.
+/// Lists the programs of all deployments, or of one deployment.
 pub(super) async fn all(clients: &Clients, name: &ProcessName, is_json: bool) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;

@@ -19,7 +19,7 @@ use serde_json::Value;
 use std::rc::Rc;
 use verify::Repair;
 
-/// Answers one kind of request.
+/// Answers one kind of requests.
 fn ask<R: Request>(
     params: Value,
     answer: impl FnOnce(R::Params) -> Result<R::Result, Refusal>,
@@ -29,7 +29,7 @@ fn ask<R: Request>(
     serde_json::to_value(result).map_err(|error| Refusal::failed(error.to_string()))
 }
 
-/// A document, its analysis, and a place in it.
+/// A position in a document, with its analysis.
 struct Place<'a> {
     document: &'a Document,
     analysis: Rc<Analysis>,
@@ -60,7 +60,7 @@ impl Server {
         }
     }
 
-    /// A document and its analysis.
+    /// Returns a document and its analysis.
     pub(super) fn document(&mut self, uri: &str) -> Result<(&Document, Rc<Analysis>), Refusal> {
         let analysis = self.workspace.analysis(uri);
         let document = self.workspace.document(uri);
@@ -99,7 +99,8 @@ impl Server {
         Ok(Some(DefinitionResponse::Definition(Definition::Location(self.location(&analysis, span)?))))
     }
 
-    /// The place of a span; an interface that a program has printed is written to a file that the editor can show.
+    /// Returns the location of a span. If a program has printed the interface with the span, writes the interface to a
+    /// file for the editor.
     fn location(&self, analysis: &Analysis, span: Span) -> Result<Location, Refusal> {
         let source = analysis.source(span);
         if is_file(source, analysis) {
@@ -156,7 +157,7 @@ impl Server {
         Ok(Some(convert::workspace_edit(edits, &self.workspace, &self.client)))
     }
 
-    /// The fixes of the mistakes in a range, and one for all mistakes.
+    /// Returns the fixes for the mistakes in a range, and one fix for all mistakes.
     fn actions(&mut self, params: &CodeActionParams) -> Result<Option<Vec<CodeActionResponse>>, Refusal> {
         let encoding = self.client.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
@@ -177,7 +178,7 @@ impl Server {
             let repairs: Vec<Repair> = repairs.iter().filter(is_here).cloned().collect();
             found.extend(repairs.iter().map(|repair| self.repair(repair, &analysis)));
         }
-        // Asked about nothing that is wrong, the editor gets it only when it asks for it.
+        // If the range contains no mistake, the editor gets the fix for all mistakes only on request.
         if !found.is_empty() || params.context.only.is_some() {
             found.extend(self.fix_all(&analysis));
         }
@@ -185,7 +186,7 @@ impl Server {
         Ok(Some(found.into_iter().map(CodeActionResponse::CodeAction).collect()))
     }
 
-    /// The fix of a diagnostic and its choices.
+    /// Returns the fix of a diagnostic, and its choices.
     fn quick_fixes(&self, found: &Diagnostic, analysis: &Analysis) -> Vec<CodeAction> {
         let Some(document) = self.workspace.open_from(&analysis.spec().name) else { return Vec::new() };
         let shown = convert::diagnostic(found, analysis.spec(), &document.lines, Vec::new(), &self.client);
@@ -201,7 +202,7 @@ impl Server {
         certain.chain(found.choices.iter().map(|fix| action(fix, None))).collect()
     }
 
-    /// An edit after which a mistake was verified to be gone.
+    /// Returns an edit that was verified to repair a mistake.
     fn repair(&self, repair: &Repair, analysis: &Analysis) -> CodeAction {
         CodeAction {
             title: format!("{} (verified)", repair.fix.title),
@@ -211,7 +212,7 @@ impl Server {
         }
     }
 
-    /// All fixes at once, as `dca fix` does in its first round.
+    /// Returns all fixes as one edit, like the first round of `dca fix`.
     fn fix_all(&self, analysis: &Analysis) -> Option<CodeAction> {
         let spec = analysis.spec();
         let fixed = apply_fixes(&spec.text, analysis.diagnostics());
@@ -264,7 +265,7 @@ impl Server {
     }
 }
 
-/// The bytes of `old` that differ from `new`, in whole lines, and the replacing text of `new`.
+/// Returns which bytes of `old` differ from `new`, in whole lines, and the text of `new` that replaces them.
 fn changed(old: &str, new: &str) -> (usize, usize, String) {
     let line = |(one, other): &(&str, &str)| one == other;
     let same = |pairs: usize| -> usize { old.split_inclusive('\n').take(pairs).map(str::len).sum() };
@@ -277,7 +278,7 @@ fn changed(old: &str, new: &str) -> (usize, usize, String) {
     (start, old.len() - tail, new_rest[..new_rest.len() - tail].to_owned())
 }
 
-/// The edits of a fix, each in its file.
+/// Returns the edits of a fix, each with its file.
 fn file_edits(fix: &Fix, analysis: &Analysis) -> Vec<FileEdit> {
     let edit = |edit: &Edit| FileEdit {
         file: analysis.source(edit.span).name.clone(),

@@ -6,24 +6,24 @@ use serde_json::Value;
 /// The capabilities that an editor has announced.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Client {
-    /// The unit of columns.
+    /// The unit in which columns are counted.
     pub(super) encoding: Encoding,
     /// Whether it fills in snippets.
     pub(super) snippets: bool,
-    /// Whether it takes edits of a certain version of a document.
+    /// Whether it accepts edits for a certain version of a document.
     pub(super) versioned_edits: bool,
-    /// Whether it shows where the reason of a diagnostic is.
+    /// Whether it shows the locations of a diagnostic's reasons.
     pub(super) related: bool,
     /// Whether it can report changes of files on the disk.
     pub(super) watches: bool,
-    /// Whether it asks for the lines above blocks again, if asked to.
+    /// Whether the server can ask it to request the lines above blocks again.
     pub(super) refreshes_lenses: bool,
     /// The folders that are open, as URIs.
     pub(super) folders: Vec<String>,
 }
 
 impl Client {
-    /// Reads the parameters of `initialize`; a missing or invalid capability counts as absent.
+    /// Reads the parameters of `initialize`. A capability that is missing or invalid counts as absent.
     pub(super) fn new(params: &Value) -> Self {
         let is = |path: &str| params.pointer(path).and_then(Value::as_bool).unwrap_or(false);
         let encodings = params.pointer("/capabilities/general/positionEncodings").and_then(Value::as_array);

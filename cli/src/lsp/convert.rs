@@ -14,10 +14,10 @@ use lsp_types::{
 };
 use std::collections::{BTreeMap, HashMap};
 
-/// The kinds of tokens, by their place: the standard name that editors have a colour for.
+/// The kinds of tokens. Each has a standard name, for which editors have a colour.
 pub(super) const TOKEN_TYPES: [&str; 10] =
     ["keyword", "type", "variable", "parameter", "property", "enumMember", "number", "string", "operator", "comment"];
-/// The modifiers of a token.
+/// The modifiers of tokens.
 pub(super) const TOKEN_MODIFIERS: [&str; 2] = ["declaration", "readonly"];
 
 /// Returns the range of a span.
@@ -25,10 +25,10 @@ pub(super) fn range(source: &Source, lines: &Lines, span: Span, encoding: Encodi
     lines.range(&source.text, span.start as usize..span.end as usize, encoding)
 }
 
-/// Returns where a span is, if it is in a file.
+/// Returns the location of a span, if it is in a file.
 pub(super) fn location(workspace: &Workspace, source: &Source, span: Span, encoding: Encoding) -> Location {
     match workspace.open_from(&source.name) {
-        // Its lines are counted already.
+        // The lines of an open document have been counted already.
         Some(open) => Location { uri: Uri(open.uri.clone()), range: range(source, &open.lines, span, encoding) },
         None => {
             let range = range(source, &Lines::new(&source.text), span, encoding);
@@ -37,7 +37,7 @@ pub(super) fn location(workspace: &Workspace, source: &Source, span: Span, encod
     }
 }
 
-/// Returns a remark for the text that it is about.
+/// Converts a diagnostic for the file that it is about.
 pub(super) fn diagnostic(
     found: &Diagnostic,
     source: &Source,
@@ -66,7 +66,7 @@ pub(super) fn diagnostic(
     }
 }
 
-/// A file that only others use has nothing to run: that is worth knowing, no mistake.
+/// Returns the severity. It is not a mistake that a file for other specs has nothing to run, but a person may want to know it.
 fn severity(found: &Diagnostic) -> DiagnosticSeverity {
     match found.severity {
         Severity::Error if found.code == Code::E0101 => DiagnosticSeverity::Information,
@@ -75,7 +75,7 @@ fn severity(found: &Diagnostic) -> DiagnosticSeverity {
     }
 }
 
-/// Returns the completions, in this order, in place of the typed text.
+/// Returns the completions in this order. Each replaces the typed text.
 pub(super) fn completion(offers: Vec<Completion>, range: Range, client: &Client) -> Vec<CompletionItem> {
     let item = |(place, offer): (usize, Completion)| {
         let snippet = offer.snippet.filter(|_| client.snippets);
@@ -111,7 +111,7 @@ fn completion_kind(kind: CompletionKind) -> CompletionItemKind {
     }
 }
 
-/// Returns edits of files; for open files, with the version that they were made for.
+/// Returns edits of files. The edits of an open file contain the version of the text that they fit.
 pub(super) fn workspace_edit(edits: Vec<FileEdit>, workspace: &Workspace, client: &Client) -> WorkspaceEdit {
     let mut files: BTreeMap<String, Vec<TextEdit>> = BTreeMap::new();
     let mut texts: BTreeMap<String, (String, Lines)> = BTreeMap::new();
@@ -173,7 +173,7 @@ pub(super) fn outline(
     symbols.collect()
 }
 
-/// Returns the tokens of a document; a comment of several lines is several tokens.
+/// Returns the tokens of a document. A comment with several lines becomes several tokens.
 pub(super) fn tokens(found: &[Highlight], text: &str, lines: &Lines, encoding: Encoding) -> Vec<SemanticToken> {
     let mut tokens = Vec::with_capacity(found.len());
     let (mut line, mut column) = (0, 0);

@@ -1,20 +1,20 @@
-//! File names as editors write them, and the specs of a folder.
+//! Converts between paths and the URIs of an editor, and finds the specs in folders.
 
 use std::collections::VecDeque;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The most specs of the open folders that are looked through for a name.
+/// The most specs in the open folders that are searched for a name.
 const SPECS_MAX: usize = 2000;
-/// The most folders that are looked into for them.
+/// The most folders that are searched for specs.
 const FOLDERS_MAX: usize = 10_000;
-/// The most names of one folder that are looked at.
+/// The most entries of one folder that are read.
 const ENTRIES_MAX: usize = 10_000;
 
-/// Returns the path that a URI names; a URI that names no file stands for itself.
+/// Returns the path of a URI. A URI that names no file is returned unchanged.
 pub(super) fn path(uri: &str) -> String {
     let Some(rest) = uri.strip_prefix("file://") else { return uri.to_owned() };
-    // Between the slashes there may be a host, which can only be this one.
+    // A host may come before the path. It can only be this host.
     let encoded = rest.find('/').map_or(rest, |slash| &rest[slash..]).as_bytes();
     let mut bytes = Vec::with_capacity(encoded.len());
     let mut at = 0;
@@ -47,7 +47,7 @@ pub(super) fn uri(path: &str) -> String {
     format!("file://{}", encoded.collect::<String>())
 }
 
-/// Returns the specs below some folders, in the order of their paths; hidden folders and those of build tools are left out.
+/// Returns the specs in some folders, sorted by path. Leaves out hidden folders and folders of build tools.
 pub(super) fn specs(folders: &[PathBuf]) -> Vec<String> {
     let mut found = Vec::new();
     let mut next: VecDeque<PathBuf> = folders.iter().cloned().collect();
@@ -59,7 +59,7 @@ pub(super) fn specs(folders: &[PathBuf]) -> Vec<String> {
         paths.sort();
         for path in paths {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            // A link may lead back to where one came from.
+            // Links are not followed, because a link may lead back to an outer folder.
             let is_folder = fs::symlink_metadata(&path).is_ok_and(|kind| kind.is_dir());
             if is_folder && !name.starts_with('.') && !["target", "node_modules"].contains(&name.as_str()) {
                 next.push_back(path);

@@ -1,4 +1,4 @@
-//! The queue of messages from an editor, without those that it has cancelled.
+//! The queue of messages from an editor. Requests that the editor has cancelled are removed.
 
 use super::interfaces::InterfaceReply;
 use super::lens::ProofReply;
@@ -10,20 +10,20 @@ use serde_json::Value;
 use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
 
-/// Something that happened.
+/// An event for the server.
 #[derive(Debug)]
 pub(super) enum Event {
     /// A message of the editor.
     Message(Message),
-    /// A program has printed its interface, or failed to.
+    /// A program has printed its interface, or has failed to print it.
     Interface(InterfaceReply),
     /// A proof about a text is finished.
     Proof(ProofReply),
-    /// The editor sends nothing more.
+    /// The editor sends no more messages.
     End,
 }
 
-/// Events in their order.
+/// The events in their order.
 pub(super) struct Inbox {
     events: Receiver<Event>,
     waiting: VecDeque<Event>,
@@ -35,8 +35,8 @@ impl Inbox {
         Self { events, waiting: VecDeque::new(), waiting_max }
     }
 
-    /// Waits for the next event. Later events that are already here are looked at as well: a request that is cancelled
-    /// while it waits is answered as cancelled and never handled.
+    /// Waits for the next event. Also reads later events that have already arrived. So a waiting request that the
+    /// editor has cancelled gets an answer that says this, and is never handled.
     pub(super) fn next(&mut self, replies: &mut Vec<Reply>) -> Event {
         if self.waiting.is_empty() {
             let first = self.events.recv().unwrap_or(Event::End);
@@ -52,7 +52,7 @@ impl Inbox {
         self.waiting.pop_front().unwrap_or(Event::End)
     }
 
-    /// Whether a text is about to change again.
+    /// Returns whether a later event in the queue changes a text.
     pub(super) fn has_change(&self) -> bool {
         let is_change = |event: &Event| matches!(event, Event::Message(Message::Notification { method, .. }) if method == "textDocument/didChange");
         self.waiting.iter().any(is_change)
@@ -67,7 +67,7 @@ impl Inbox {
     }
 }
 
-/// The request that an event calls off.
+/// Returns the request that an event cancels, if it cancels one.
 fn cancelled(event: &Event) -> Option<Id> {
     let Event::Message(Message::Notification { method, params }) = event else { return None };
     let id: &Value = params.get("id").filter(|_| method == "$/cancelRequest")?;

@@ -1,4 +1,4 @@
-//! The interfaces of programs, asked for in the background and kept until the program changes.
+//! The interfaces of programs. The server asks for them in the background, and keeps them until the program changes.
 
 use super::inbox::Event;
 use language::Source;
@@ -10,10 +10,10 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::mpsc::SyncSender;
 
-/// The identity of one build of a program: its file's number, length and time of change.
+/// Identifies one build of a program: file number, length and time of the last change.
 type Stamp = (u64, u64, i64, i64);
 
-/// A program has answered, or failed to.
+/// A program has answered, or has failed to answer.
 #[derive(Debug)]
 pub(super) struct InterfaceReply {
     program: PathBuf,
@@ -23,7 +23,7 @@ pub(super) struct InterfaceReply {
 
 struct Program {
     path: PathBuf,
-    /// The build that was asked last; nothing before the first time.
+    /// The build that was last asked; nothing before the first question.
     asked: Option<Option<Stamp>>,
     is_asking: bool,
     source: Option<Source>,
@@ -33,12 +33,12 @@ struct Program {
 pub(super) struct Interfaces {
     programs: Vec<Program>,
     events: SyncSender<Event>,
-    /// Where interfaces are shown from, once one was.
+    /// The folder for the files of shown interfaces, once one was shown.
     folder: OnceLock<PathBuf>,
 }
 
 impl Interfaces {
-    /// Asks each of these programs; the answers come in as events.
+    /// Asks each of these programs. Their answers arrive as events.
     pub(super) fn new(paths: Vec<PathBuf>, events: SyncSender<Event>) -> Self {
         let program = |path| Program { path, asked: None, is_asking: false, source: None };
         let mut interfaces =
@@ -47,7 +47,7 @@ impl Interfaces {
         interfaces
     }
 
-    /// Asks the programs again that have changed since. To look costs a few microseconds.
+    /// Asks the programs again that have changed since the last question. Checking for changes takes a few microseconds.
     pub(super) fn refresh(&mut self) {
         for program in &mut self.programs {
             let stamp = stamp(&program.path);
@@ -61,15 +61,15 @@ impl Interfaces {
                 // If the editor is gone, the answer has no receiver.
                 events.send(Event::Interface(InterfaceReply { program: path, stamp, answer })).unwrap_or_default();
             };
-            // The thread is not joined: it ends with the answer, which has its limit.
+            // The thread is not joined. It ends with the answer, for which there is a time limit.
             program.is_asking = std::thread::Builder::new().name("ask".to_owned()).spawn(ask).is_ok();
         }
     }
 
-    /// Takes an answer in.
+    /// Takes the answer of a program.
     ///
     /// # Errors
-    /// A sentence for a person: the program does not print its interface. Its earlier interface stays.
+    /// A sentence for a person: the program does not print its interface. The server keeps its earlier interface.
     pub(super) fn take(&mut self, arrived: InterfaceReply) -> Result<(), String> {
         let Some(program) = self.programs.iter_mut().find(|program| program.path == arrived.program) else {
             return Ok(());
@@ -81,13 +81,14 @@ impl Interfaces {
         Ok(())
     }
 
-    /// Whether some program has not yet answered for the first time: an unknown name may still become known.
+    /// Returns whether a program has not answered its first question yet. Its interface may make an unknown name known.
     pub(super) fn is_waiting(&self) -> bool {
         self.programs.iter().any(|program| program.is_asking && program.source.is_none())
     }
 
-    /// Writes the interface that a program has printed to a file that an editor can show; returns its path. The file is
-    /// in this user's folder of nodes, since every user can make a folder in the system's one for temporary files.
+    /// Writes the interface of a program to a file that an editor can show, and returns its path. The file is in this
+    /// user's folder for nodes. The system's folder for temporary files would not be safe, because every user can make
+    /// folders there.
     ///
     /// # Errors
     /// The file cannot be written, or the folder belongs to another user.
@@ -99,7 +100,7 @@ impl Interfaces {
         Ok(file.to_string_lossy().into_owned())
     }
 
-    /// The interfaces of the programs.
+    /// Returns the interfaces of the programs.
     pub(super) fn sources(&self) -> Vec<Source> {
         self.programs.iter().filter_map(|program| program.source.clone()).collect()
     }
@@ -113,7 +114,7 @@ impl Drop for Interfaces {
     }
 }
 
-/// Makes this server's own folder below `base`; both belong to this user, and no other user can write there.
+/// Makes this server's own folder in `base`. Both folders belong to this user, and no other user can write there.
 fn own_folder(base: &Path) -> io::Result<PathBuf> {
     let folder = base.join(format!("lsp-{}", std::process::id()));
     for path in [base, &folder] {

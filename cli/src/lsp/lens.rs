@@ -1,7 +1,7 @@
-//! The results of `dca verify` for the sentences of each `verify` block, shown above it.
+//! The results of `dca verify` for the sentences of a `verify` block. The editor shows them above the block.
 //!
-//! A separate thread computes them, within limits, at most one for each text; the next version of the text cancels it.
-//! So typing never waits for a proof.
+//! A separate thread computes the results within limits, at most once for each text. The next version of the text
+//! cancels the thread. So a person who types never waits for a proof.
 
 use super::convert::range;
 use super::inbox::Event;
@@ -19,17 +19,17 @@ use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 use verify::{Alone, Finding, GoesOn, Limits, Repair, Verdict};
 
-/// The most states and bytes of one exploration, and the longest time of all: less than `dca verify` spends.
+/// The most states and bytes of one exploration, and the longest time for everything. These limits are lower than those of `dca verify`.
 const STATES: u32 = 200_000;
 const MEMORY: usize = 256 << 20;
 const TIME: Duration = Duration::from_secs(5);
 /// The most failing sentences that are named.
 const NAMED_MAX: usize = 3;
 
-/// A line for each block.
+/// The line above each block.
 type Titles = Vec<(Span, String)>;
 
-/// A thread has found out something about a text.
+/// Results of a thread about a text.
 #[derive(Debug)]
 pub(super) struct ProofReply {
     uri: String,
@@ -41,17 +41,17 @@ pub(super) struct ProofReply {
 enum Found {
     /// The titles of the results.
     Titles(Titles),
-    /// Verified edits that repair the failing sentences. They take longer, so they come later.
+    /// Verified edits that repair the failing sentences. To find them takes longer, so they arrive later.
     Repairs(Vec<Repair>),
 }
 
 /// The known results for the blocks of one document.
 struct Proof {
-    /// The version of the text that it is about.
+    /// The version of the text that the results are about.
     of: Rc<Analysis>,
     number: u64,
     is_called_off: Arc<AtomicBool>,
-    /// Nothing while it is being found out.
+    /// Nothing until they are known.
     titles: Option<Titles>,
     repairs: Vec<Repair>,
 }
@@ -69,7 +69,7 @@ impl Proofs {
         Self { events, documents: BTreeMap::new(), next: 0 }
     }
 
-    /// The results known by now; the missing ones are computed afterwards.
+    /// Returns the results that are known now. If the text is new, begins to compute them.
     fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Proof> {
         if !self.documents.get(uri).is_some_and(|known| Rc::ptr_eq(&known.of, analysis)) {
             self.begin(uri, analysis);
@@ -77,7 +77,7 @@ impl Proofs {
         self.documents.get(uri)
     }
 
-    /// The repairs of a text that are known by now.
+    /// Returns the repairs of a text that are known now.
     pub(super) fn repairs(&mut self, uri: &str, analysis: &Rc<Analysis>) -> &[Repair] {
         self.of(uri, analysis).map_or(&[], |known| &known.repairs)
     }
@@ -103,7 +103,7 @@ impl Proofs {
         self.documents.insert(uri.to_owned(), proof);
     }
 
-    /// Takes in a thread's results; returns whether they are still wanted.
+    /// Takes the results of a thread. Returns whether they are still about the present text.
     pub(super) fn take(&mut self, arrived: ProofReply) -> bool {
         let known = self.documents.get_mut(&arrived.uri).filter(|known| known.number == arrived.number);
         let Some(known) = known else { return false };
@@ -129,7 +129,7 @@ impl Drop for Proofs {
 }
 
 impl Server {
-    /// A line above each `verify` block.
+    /// Returns the line above each `verify` block.
     pub(super) fn lenses(&mut self, params: &CodeLensParams) -> Result<Option<Vec<CodeLens>>, Refusal> {
         let (uri, encoding) = (&params.text_document.uri.0, self.client.encoding);
         let (_, analysis) = self.document(uri)?;
@@ -151,7 +151,7 @@ impl Server {
     }
 }
 
-/// Until then, unless it is called off.
+/// The time when a computation has to end. It ends earlier if it is cancelled.
 #[derive(Debug)]
 struct Until {
     end: Time,
@@ -190,7 +190,8 @@ fn find_out(
     }
 }
 
-/// `12 sentences hold`, `2 of 12 do not hold: never a with b; can finish`. A sentence about several groups holds of all of them.
+/// Returns the line for a block: `12 sentences hold`, `2 of 12 do not hold: never a with b; can finish`. A sentence
+/// about several groups holds only if it holds for each of them.
 fn title(spec: &Source, found: &[&Finding]) -> String {
     let of = |verdict: Verdict| -> BTreeSet<Span> {
         found.iter().filter(|finding| finding.verdict == verdict).filter_map(|finding| finding.place).collect()

@@ -1,21 +1,21 @@
-//! Positions as editors count them: lines from 0, and in a line UTF-16 units unless both sides agreed on bytes.
+//! Positions as editors count them: lines from 0, and columns in UTF-16 units, or in bytes if both sides agreed on bytes.
 
 use lsp_types::{Position, Range};
 
-/// The unit of columns.
+/// The unit in which columns are counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Encoding {
-    /// Units of UTF-16: every editor knows these.
+    /// Units of UTF-16. Every editor supports these.
     #[default]
     Utf16,
     /// Bytes.
     Utf8,
 }
 
-/// The block size for counting units, in bytes.
+/// The size of the blocks for counting units, in bytes.
 const BLOCK: usize = 1024;
 
-/// Where each line of a text begins.
+/// The beginning of each line of a text.
 #[derive(Clone, Debug)]
 pub(super) struct Lines {
     starts: Vec<usize>,
@@ -36,7 +36,8 @@ impl Lines {
         Self { starts, units }
     }
 
-    /// The byte offset of a position; one beyond its line is at the end of the line, one beyond the text at its end.
+    /// Returns the byte offset of a position. A position after the end of its line stands for this end; one after the
+    /// end of the text, for the end of the text.
     pub(super) fn offset(&self, text: &str, position: Position, encoding: Encoding) -> usize {
         let line = position.line as usize;
         let Some(&start) = self.starts.get(line) else { return text.len() };
@@ -53,14 +54,14 @@ impl Lines {
         start + line.len()
     }
 
-    /// The position of a byte offset.
+    /// Returns the position of a byte offset.
     pub(super) fn position(&self, text: &str, offset: usize, encoding: Encoding) -> Position {
         let offset = text.floor_char_boundary(offset);
         let line = self.starts.partition_point(|&start| start <= offset).saturating_sub(1);
         let start = self.starts.get(line).copied().unwrap_or(0);
         let column = match encoding {
             Encoding::Utf8 => offset - start,
-            // Most lines are short, and most have nothing but ASCII.
+            // Most lines are short, and most contain only ASCII.
             Encoding::Utf16 => match text.as_bytes().get(start..offset) {
                 Some(line) if line.is_ascii() => line.len(),
                 Some(line) if line.len() <= BLOCK => units(line),
@@ -75,14 +76,14 @@ impl Lines {
         self.units[block] + text.as_bytes().get(block * BLOCK..offset).map_or(0, units)
     }
 
-    /// The range of a stretch of bytes.
+    /// Returns the range of some bytes.
     pub(super) fn range(&self, text: &str, bytes: std::ops::Range<usize>, encoding: Encoding) -> Range {
         let start = self.position(text, bytes.start, encoding);
         Range { start, end: self.position(text, bytes.end.max(bytes.start), encoding) }
     }
 }
 
-/// The units of UTF-16 of the characters that begin in these bytes.
+/// Counts the UTF-16 units of the characters that begin in these bytes.
 fn units(bytes: &[u8]) -> usize {
     bytes.iter().map(|byte| usize::from(byte & 0xc0 != 0x80) + usize::from(*byte >= 0xf0)).sum()
 }
@@ -94,7 +95,7 @@ fn width(c: char, encoding: Encoding) -> usize {
     }
 }
 
-/// A number of the protocol.
+/// Converts a number for the protocol.
 pub(super) fn number(value: usize) -> u32 {
     u32::try_from(value).unwrap_or(u32::MAX)
 }
@@ -128,7 +129,7 @@ mod tests {
         }
     }
 
-    /// A place costs the same at any point of a long line.
+    /// Finding a position takes the same time everywhere in a long line.
     #[test]
     fn long_lines_are_counted_in_blocks() {
         let text = "aö𝄞".repeat(1000);
@@ -143,7 +144,7 @@ mod tests {
     #[test]
     fn any_position_has_an_offset_and_any_offset_a_position() {
         let lines = Lines::new(TEXT);
-        // Beyond the line, inside a pair of units, beyond the text.
+        // These positions are after the end of the line, inside a pair of units, and after the end of the text.
         let offset = |line, character| lines.offset(TEXT, Position { line, character }, Encoding::Utf16);
         assert_eq!((offset(0, 99), offset(0, 2), offset(9, 9), offset(1, 7)), (7, 1, TEXT.len(), 10));
         assert_eq!(lines.position(TEXT, 2, Encoding::Utf16), Position { line: 0, character: 1 });

@@ -1,4 +1,4 @@
-//! Publishes diagnostics to the editor at each change, for each file that has any.
+//! Publishes the diagnostics of each file to the editor at each change.
 
 use super::convert;
 use super::position::Lines;
@@ -20,9 +20,9 @@ const REMARKS_MAX: usize = 500;
 /// The diagnostics that were published last.
 #[derive(Debug, Default)]
 pub(super) struct Published {
-    /// Whether something has changed since.
+    /// Whether something has changed since then.
     pub(super) is_stale: bool,
-    /// By file: the version of the document, and its published diagnostics.
+    /// For each file, the version of the document and its published diagnostics.
     files: BTreeMap<String, Remarks>,
 }
 
@@ -35,7 +35,7 @@ struct Remarks {
 }
 
 impl Server {
-    /// Publishes the diagnostics of each open document and the files it uses, if they have changed.
+    /// Publishes the diagnostics of each open document and of the files that it uses, if they have changed.
     pub(super) fn publish(&mut self, replies: &mut Vec<Reply>) {
         if !std::mem::take(&mut self.published.is_stale) {
             return;
@@ -55,7 +55,7 @@ impl Server {
         }
     }
 
-    /// The diagnostics of now, by file.
+    /// Returns the present diagnostics, by file.
     fn remarks(&mut self) -> BTreeMap<String, Remarks> {
         let mut files: BTreeMap<String, Remarks> = BTreeMap::new();
         for document in self.workspace.documents() {
@@ -93,8 +93,8 @@ impl Server {
         files
     }
 
-    /// The documents that are checked for themselves. A file that another one uses is checked as a part of that one, unless
-    /// it can run alone.
+    /// Returns the documents that are checked on their own. A file that another one uses is checked as a part of it,
+    /// unless the file can run alone.
     fn roots(&mut self) -> Vec<Rc<Analysis>> {
         let open: Vec<String> = self.workspace.documents().map(|document| document.uri.clone()).collect();
         let all: Vec<Rc<Analysis>> = open.iter().filter_map(|uri| self.workspace.analysis(uri)).collect();
@@ -110,7 +110,7 @@ impl Server {
         all.iter().filter(|one| has_root(one) || !is_part(one)).cloned().collect()
     }
 
-    /// Whether a diagnostic is certain: while a program is still being asked, a warning may be about its interface.
+    /// Returns whether a diagnostic is certain. While a program has not answered yet, a warning may only be due to its missing interface.
     fn is_known(&self, found: &Diagnostic) -> bool {
         found.severity == Severity::Error || !self.workspace.interfaces.is_waiting()
     }
@@ -136,19 +136,19 @@ fn told(uri: String, remarks: Remarks) -> Reply {
     notify::<PublishDiagnosticsNotification>(PublishDiagnosticsParams { uri: Uri(uri), version, diagnostics })
 }
 
-/// Says that a document is not checked.
+/// Returns a diagnostic that says that the document is too long to be checked.
 fn too_long() -> lsp_types::Diagnostic {
     let limit = DOCUMENT_MAX >> 20;
     about_all(format!("a text of more than {limit} MiB is not checked while it is written; `dca check` reads it"))
 }
 
-/// Returns a diagnostic with the number of those left out.
+/// Returns a diagnostic that says how many diagnostics were left out.
 fn more(count: usize) -> lsp_types::Diagnostic {
     let told = counted(count, "more remark");
     about_all(format!("{told} on this file not shown here, after the first {REMARKS_MAX}; `dca check` prints all"))
 }
 
-/// A remark on a file as a whole.
+/// Returns a diagnostic about a whole file.
 fn about_all(message: String) -> lsp_types::Diagnostic {
     lsp_types::Diagnostic {
         range: Range::default(),

@@ -1,38 +1,37 @@
 //! JSON-RPC messages on a stream of bytes. A header gives the length of each.
 //!
-//! Reading goes on after any input: lines that are not a header are skipped, and a body that cannot be read is reported
-//! as such.
+//! Reading continues after any input. Lines that are not a header are skipped, and a body that cannot be read is reported as malformed.
 
 use lsp_types::json_rpc::Id;
 use serde::Deserialize;
 use serde_json::Value;
 use std::io::{self, BufRead, Read, Write as _};
 
-/// The longest body that is read: a whole document, quoted.
+/// The longest body that is read, in bytes. It may contain a whole document as a JSON string.
 const BODY_MAX: u64 = 64 << 20;
-/// The longest line of a header that is read in one go.
+/// The longest part of a header line that is read at once.
 const HEADER_MAX: u64 = 4096;
 
 /// A message of an editor.
 #[derive(Debug)]
 pub(super) enum Message {
-    /// Something to answer.
+    /// A request, which needs an answer.
     Request {
         /// Its number.
         id: Id,
-        /// The parameters of the request.
+        /// The method of the request.
         method: String,
-        /// The parameters of the notification.
+        /// The parameters of the request.
         params: Value,
     },
-    /// Something to know.
+    /// A notification, which needs no answer.
     Notification {
-        /// The parameters of the notification.
+        /// The method of the notification.
         method: String,
-        /// The parameters of the request.
+        /// The parameters of the notification.
         params: Value,
     },
-    /// An answer to a request of ours.
+    /// An answer of the editor to a request of the server.
     Response,
     /// A malformed message, and the reason.
     Malformed(String),
@@ -49,7 +48,7 @@ struct Body {
 /// Reads one message; nothing at the end of the stream.
 ///
 /// # Errors
-/// The stream broke.
+/// Reading the stream has failed.
 pub(super) fn read(input: &mut impl BufRead) -> io::Result<Option<Message>> {
     let mut length = None;
     loop {
@@ -90,7 +89,7 @@ fn body(input: &mut impl BufRead, length: u64) -> io::Result<Message> {
 pub(super) fn frame(message: &Value) -> Vec<u8> {
     let body = message.to_string();
     let mut bytes = Vec::with_capacity(body.len() + 40);
-    // Writing to memory does not fail.
+    // Writing to memory cannot fail.
     let written = write!(bytes, "Content-Length: {}\r\n\r\n{body}", body.len());
     debug_assert!(written.is_ok());
     bytes

@@ -1,4 +1,4 @@
-//! The language server: its life, and which part answers which request.
+//! The language server: its states, and which part answers which request.
 
 use super::client::Client;
 use super::convert::{TOKEN_MODIFIERS, TOKEN_TYPES};
@@ -20,18 +20,18 @@ use serde_json::{Value, json};
 /// A message to the editor.
 pub(super) type Reply = Value;
 
-/// How far the server has come.
+/// The state of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum State {
     /// The editor has not sent `initialize`.
     Fresh,
-    /// Everything can be asked.
+    /// All requests are accepted.
     Ready,
     /// No request is accepted any more.
     ShutDown,
-    /// Over, as it should be.
+    /// The editor has ended the server as the protocol requires.
     Ended,
-    /// Over, without a word before.
+    /// The editor has ended the server without asking it to shut down first.
     Abandoned,
 }
 
@@ -43,7 +43,7 @@ pub(super) struct Refusal {
 }
 
 impl Refusal {
-    /// The request makes sense, but cannot be fulfilled.
+    /// Returns the refusal of a request that is valid but cannot be fulfilled.
     pub(super) fn failed(message: impl Into<String>) -> Self {
         Self { code: LspErrorCodes::RequestFailed.into(), message: message.into() }
     }
@@ -91,7 +91,7 @@ impl Server {
         }
     }
 
-    /// Takes the answer of a program in.
+    /// Takes the answer of a program.
     pub(super) fn arrived(&mut self, arrived: InterfaceReply, replies: &mut Vec<Reply>) {
         if let Err(why) = self.workspace.interfaces.take(arrived) {
             replies.push(show(why));
@@ -101,7 +101,7 @@ impl Server {
         self.refresh_lenses(replies);
     }
 
-    /// Takes in the proofs of a text, and makes the editor ask for them again.
+    /// Takes the results of a proof, and makes the editor request them again.
     pub(super) fn proved(&mut self, arrived: ProofReply, replies: &mut Vec<Reply>) {
         if self.proofs.take(arrived) {
             self.refresh_lenses(replies);
@@ -199,12 +199,12 @@ impl Server {
     }
 }
 
-/// Reads parameters.
+/// Reads the parameters of a message.
 pub(super) fn read<T: DeserializeOwned>(params: Value) -> Result<T, String> {
     serde_json::from_value(params).map_err(|error| error.to_string())
 }
 
-/// Returns the answer that there is none.
+/// Returns the answer that a request is refused.
 pub(super) fn refusal(id: Id, code: impl Into<i32>, message: impl Into<String>) -> Reply {
     let error = Error { code: ErrorCodes::from(code.into()), message: message.into(), data: None };
     value(&ResponseObject::from_error(id, error))
@@ -215,17 +215,17 @@ pub(super) fn notify<N: Notification>(params: N::Params) -> Reply {
     value(&RequestObject::from_notification::<N>(params))
 }
 
-/// A line for a reader of the editor's log.
+/// Returns a line for the editor's log.
 fn log(message: String) -> Reply {
     notify::<LogMessageNotification>(LogMessageParams { kind: MessageType::Warning, message })
 }
 
-/// A line that the editor shows at once.
+/// Returns a line that the editor shows at once.
 fn show(message: String) -> Reply {
     notify::<ShowMessageNotification>(ShowMessageParams { kind: MessageType::Warning, message })
 }
 
-/// Asks the editor to report changes of specs on the disk.
+/// Returns the request to report changes of specs on the disk.
 fn watch() -> Reply {
     let options = json!({"watchers": [{"globPattern": "**/*.dca"}]});
     let registration = lsp_types::Registration {
@@ -237,7 +237,7 @@ fn watch() -> Reply {
     value(&RequestObject::from_request::<RegistrationRequest>(Id::String("watch".to_owned()), params))
 }
 
-/// Types of the protocol always have a form in JSON.
+/// Converts a message to JSON. This cannot fail for types of the protocol.
 fn value<T: serde::Serialize>(message: &T) -> Value {
     serde_json::to_value(message).unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! The open documents, and the analysis of each. An analysis is made when it is needed and dropped when a text changes.
+//! The open documents, each with its analysis. An analysis is made when it is needed, and discarded when a text changes.
 
 use super::disk;
 use super::interfaces::Interfaces;
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// The longest document that is checked while it is written, in bytes. `dca check` reads longer ones.
+/// The longest document that is checked while a person writes it, in bytes. `dca check` accepts longer ones.
 pub(super) const DOCUMENT_MAX: usize = 2 << 20;
 /// The most documents that can be open.
 const DOCUMENTS_MAX: usize = 1000;
@@ -20,11 +20,11 @@ const DOCUMENTS_MAX: usize = 1000;
 /// A document that is open in the editor.
 #[derive(Debug)]
 pub(super) struct Document {
-    /// As the editor names it.
+    /// Its name in the editor.
     pub(super) uri: String,
-    /// As `use` and diagnostics name it.
+    /// Its name in `use` and in diagnostics.
     pub(super) path: String,
-    /// Counted by the editor.
+    /// The number of its version, which the editor counts.
     pub(super) version: i32,
     pub(super) text: String,
     pub(super) lines: Lines,
@@ -43,7 +43,7 @@ impl Document {
     }
 }
 
-/// All that is open.
+/// The open documents, and the folders of the editor.
 pub(super) struct Workspace {
     documents: BTreeMap<String, Document>,
     folders: Vec<PathBuf>,
@@ -55,7 +55,7 @@ impl Workspace {
         Self { documents: BTreeMap::new(), folders: Vec::new(), interfaces }
     }
 
-    /// Sets the folders in which specs are searched for a name.
+    /// Sets the folders whose specs are searched for a name.
     pub(super) fn set_folders(&mut self, uris: &[String]) {
         self.folders =
             uris.iter().map(|uri| PathBuf::from(disk::path(uri))).filter(|path| path.is_absolute()).collect();
@@ -64,7 +64,7 @@ impl Workspace {
     /// Opens a document.
     ///
     /// # Errors
-    /// A sentence for a person: too many are open.
+    /// A sentence for a person: too many documents are open.
     pub(super) fn open(&mut self, uri: String, version: i32, text: String) -> Result<(), String> {
         if self.documents.len() >= DOCUMENTS_MAX && !self.documents.contains_key(&uri) {
             return Err(format!("more than {DOCUMENTS_MAX} documents are open: this one is not checked"));
@@ -76,7 +76,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// Changes a document; changes apply one after the other.
+    /// Applies changes to a document, one after the other.
     pub(super) fn change(
         &mut self,
         uri: &str,
@@ -105,17 +105,17 @@ impl Workspace {
         self.forget(&path);
     }
 
-    /// Closes a document: the file on the disk counts again.
+    /// Closes a document. From now on, the file on the disk counts.
     pub(super) fn close(&mut self, uri: &str) {
         if let Some(document) = self.documents.remove(uri) {
             self.forget(&document.path);
         }
     }
 
-    /// Discards the analysis of a text.
+    /// Discards each analysis that a text is a part of.
     pub(super) fn forget(&mut self, path: &str) {
         for document in self.documents.values_mut() {
-            // A new file may belong to a folder that is used.
+            // A new file may be in a folder that a document uses.
             let folder = path.rsplit_once('/').map_or(".", |(folder, _)| folder);
             let names =
                 |other: &Source| other.name == path || matches!(&other.role, Role::Folder(_)) && other.name == folder;
@@ -126,7 +126,7 @@ impl Workspace {
         }
     }
 
-    /// Discards all analyses: a program has printed another interface.
+    /// Discards all analyses, because a program has printed another interface.
     pub(super) fn forget_all(&mut self) {
         self.documents.values_mut().for_each(|document| document.analysis = None);
     }
@@ -135,17 +135,17 @@ impl Workspace {
         self.documents.get(uri)
     }
 
-    /// The document that is open from a path.
+    /// Returns the open document with this path.
     pub(super) fn open_from(&self, path: &str) -> Option<&Document> {
         self.documents.values().find(|document| document.path == path)
     }
 
-    /// All documents, in the order of their names.
+    /// Returns all documents, sorted by URI.
     pub(super) fn documents(&self) -> impl Iterator<Item = &Document> {
         self.documents.values()
     }
 
-    /// The analysis of a document; nothing when it is not open, or too long.
+    /// Returns the analysis of a document; nothing if it is not open or is too long.
     pub(super) fn analysis(&mut self, uri: &str) -> Option<Rc<Analysis>> {
         let document = self.documents.get(uri).filter(|document| document.is_short())?;
         if let Some(analysis) = &document.analysis {
@@ -158,8 +158,8 @@ impl Workspace {
         Some(analysis)
     }
 
-    /// Every spec that may know a name of a file: the documents, and the specs in the open folders (or in the folder of the
-    /// file) that use it.
+    /// Returns the analyses of all specs that may contain a name of a file. These are the open documents, and the specs
+    /// that use the file: in the open folders, or in the folder of the file if no folder is open.
     pub(super) fn users(&mut self, path: &str) -> Vec<Rc<Analysis>> {
         let open: Vec<String> = self.documents.keys().cloned().collect();
         let mut found: Vec<Rc<Analysis>> = open.iter().filter_map(|uri| self.analysis(uri)).collect();
@@ -171,7 +171,7 @@ impl Workspace {
             }
             let Ok(text) = self.read(&other) else { continue };
             let source = Source::new(other, text);
-            // Most files have nothing to do with it, and need no more than a look at their `use`.
+            // Most specs do not use the file. For them, looking at their `use` is enough.
             let parts = gather(&source, &|part| self.content(part));
             if source.name == path || parts.iter().any(|part| part.name == path) {
                 found.push(Rc::new(self.analyse(source)));
@@ -188,12 +188,12 @@ impl Workspace {
         Analysis::new(source, others, &options)
     }
 
-    /// The file or folder that a path in a `use` names.
+    /// Returns the file or the folder that a path in a `use` names.
     fn content(&self, path: &str) -> Result<Content, String> {
         check::content(path, |path| self.read(path))
     }
 
-    /// The text of a file: the editor's version counts.
+    /// Returns the text of a file. The text in the editor has precedence.
     pub(super) fn read(&self, path: &str) -> Result<String, String> {
         if let Some(document) = self.open_from(path) {
             return Ok(document.text.clone());
@@ -202,7 +202,7 @@ impl Workspace {
     }
 }
 
-/// Whether a text is a file's own, so that an editor can show and change it.
+/// Returns whether a text is the content of a file, so that an editor can show and change it.
 pub(super) fn is_file(source: &Source, analysis: &Analysis) -> bool {
     source.role == Role::Part || source.name == analysis.spec().name
 }

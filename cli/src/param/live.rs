@@ -1,4 +1,4 @@
-//! Parameters for a view that stays connected: their present values, and changes.
+//! Parameters for a view that stays connected: reads their present values, and changes them.
 
 use super::{Program, Reached, datum, programs_of};
 use crate::client::{Client, words};
@@ -12,11 +12,11 @@ use language::plan::Accepts;
 use node::console::Failure;
 use serde_json::Value;
 
-/// Adds the present values of all parameters of running programs that a connection reaches, by names such as
-/// `door:main/hit/force.threshold`. Secrets are left out.
+/// Adds the present values of the parameters of all running programs that a connection reaches. The names are such as
+/// `door:main/hit/force.threshold`. Leaves out secrets.
 pub(crate) async fn read(client: &Client, all: &mut Parameters) -> Result<(), Failure> {
     let Reached { programs, answered, silent } = programs_of(&through(client).await?).await?;
-    // A node of ROS 2 keeps its parameters itself.
+    // A ROS 2 node keeps its parameters itself.
     let ours = programs.iter().filter(|program| program.told.ros_node.is_none());
     all.values.extend(ours.flat_map(Program::values));
     all.answered.extend(answered);
@@ -24,8 +24,8 @@ pub(crate) async fn read(client: &Client, all: &mut Parameters) -> Result<(), Fa
     Ok(())
 }
 
-/// Sets parameters, or takes changes back; returns a sentence for each that was not done. Names of programs that this connection does
-/// not reach are left in `values`.
+/// Sets parameters, or undoes changes. Returns a sentence for each change that failed. `values` keeps the names of
+/// programs that this connection does not reach.
 pub(crate) async fn set(
     client: &Client,
     commit: &CommitArgs,
@@ -94,14 +94,14 @@ async fn set_one(
     }
 }
 
-/// Returns the program and the parameter that a name means.
+/// Returns the program and the parameter with this name.
 fn parameter_of<'a>(programs: &'a [Program], name: &'a str) -> Option<(&'a Program, &'a str)> {
     let (program, parameter) = name.rsplit_once('.')?;
     Some((programs.iter().find(|one| one.name() == program)?, parameter))
 }
 
 impl Program {
-    /// Returns the present values of its parameters.
+    /// Returns the present values of the program's parameters.
     fn values(&self) -> Vec<ParameterValue> {
         let statuses = self.told.parameters.iter().flatten();
         let shown = statuses.filter(|status| status.parameter.accepts != Accepts::Secret);

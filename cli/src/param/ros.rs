@@ -1,4 +1,4 @@
-//! Parameters of a node of ROS 2, which has them itself: they are asked of it and set through the process that runs its program.
+//! Parameters of a ROS 2 node. The node keeps them itself. They are read and set through the process that runs its program.
 
 use super::{Program, datum_of};
 use crate::ConnectArgs;
@@ -12,32 +12,32 @@ use node::logic::printable::printable;
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// How long the node has for each answer.
+/// How long the node may take for each answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
-/// A parameter of a node.
+/// A parameter of a ROS 2 node.
 pub(super) struct NodeParameter {
     pub(super) name: String,
-    /// None if it is not set.
+    /// Nothing if the parameter is not set.
     pub(super) value: Option<Value>,
     pub(super) takes: String,
 }
 
 impl NodeParameter {
-    /// Returns the value of the spec with which the node has started.
+    /// Returns the value in the spec with which the node was started.
     fn given(&self, program: &Program) -> Option<Datum> {
         let mut statuses = program.told.parameters.iter().flatten();
         statuses.find(|status| status.parameter.name == self.name)?.given.as_ref().map(datum_of)
     }
 
-    /// Returns a line of a list.
+    /// Returns a row of the list.
     pub(super) fn row(&self, program: &Program) -> Vec<String> {
         let value = self.value.as_ref().map_or_else(|| "-".to_owned(), |value| printable(&value.to_string()));
         let given = self.given(program).map_or_else(|| "-".to_owned(), |given| given.to_toml());
         vec![program.name(), printable(&self.name), value, given, self.takes.clone()]
     }
 
-    /// Returns the same for a program.
+    /// Returns the parameter as JSON.
     pub(super) fn json(&self, program: &Program) -> Value {
         let given = self.given(program).and_then(|given| serde_json::from_str::<Value>(&given.to_json()).ok());
         json!({
@@ -55,7 +55,7 @@ impl NodeParameter {
     }
 }
 
-/// Returns the parameters of a node, by name.
+/// Returns the parameters of a node, sorted by name.
 pub(super) fn list(connect: &ConnectArgs, program: &Program) -> Result<Vec<NodeParameter>, Failure> {
     with(connect, program, async |visit| {
         let mut names = names(visit, program).await?;
@@ -85,7 +85,7 @@ pub(super) fn get(connect: &ConnectArgs, program: &Program, parameter: &str) -> 
     })
 }
 
-/// Sets a parameter; returns the value as the node has taken it.
+/// Sets a parameter. Returns the value that the node reports afterwards.
 pub(super) fn set(connect: &ConnectArgs, program: &Program, parameter: &str, text: &str) -> Result<Value, Failure> {
     with(connect, program, async |visit| {
         let kind = present(visit, program, parameter).await.map(|told| Kind::of(&told))?;
@@ -112,13 +112,13 @@ fn with<T>(
     visit(connect, &ProcessName::new(&program.name()), ANSWER_WITHIN, work)
 }
 
-/// Returns the value of a parameter as the node tells it, with its kind.
+/// Returns the value of a parameter with its kind, as reported by the node.
 async fn present(visit: &Visit<'_>, program: &Program, parameter: &str) -> Result<Value, Failure> {
     let asked = json!({ "names": [parameter] });
     let told = asked_for(visit, program, "get_parameters", &asked, "values").await?;
     match told.into_iter().next().filter(|told| Kind::of(told).is_some()) {
         Some(told) => Ok(told),
-        // A node says nothing about a name that it does not know.
+        // The node's answer has no value for a name that it does not know.
         None => {
             let names = names(visit, program).await?;
             let hint = match language::nearest(parameter, names.iter().map(String::as_str)) {
@@ -140,7 +140,7 @@ async fn names(visit: &Visit<'_>, program: &Program) -> Result<Vec<String>, Fail
     Ok(names.iter().filter_map(|name| name.as_str().map(str::to_owned)).collect())
 }
 
-/// Calls a service, and returns a list in its answer.
+/// Calls a service. Returns a list that is in its answer.
 async fn asked_for(
     visit: &Visit<'_>,
     program: &Program,

@@ -1,7 +1,7 @@
-//! `dca status --watch`: the running processes on all hosts, as they change.
+//! `dca status --watch`: shows the running processes on all hosts, and their changes.
 //!
-//! On a terminal one table is drawn again and again; elsewhere each process that has changed is a line, and with `--json` each
-//! state of everything is.
+//! On a terminal, one table is drawn repeatedly. Otherwise, a line is printed for each process that has changed. With
+//! `--json`, a line is printed for each state of everything.
 
 use super::{Arguments, asked, nodes, only, text};
 use crate::absent::Absences;
@@ -21,24 +21,24 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use view::sentence::date_and_time;
 
-/// How often everything is looked at, and drawn, at least.
+/// The longest time until the nodes are asked again, and until the table is drawn again.
 const EVERY: Duration = Duration::from_secs(1);
-/// How long after one look the next may begin when something has happened: much often happens at once.
+/// The shortest pause between two questions to the nodes after an event: many events often happen at once.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
 
-/// The state at the last look.
+/// The state when the nodes were last asked.
 #[derive(Debug, Default)]
 struct View {
     statuses: Vec<NodeStatus>,
     away: Absences,
-    /// Why nothing was seen, if so.
+    /// If no state was received, the reason.
     failure: Option<String>,
 }
 
 /// The kind of output, and its present content.
 #[derive(Debug)]
 enum Shown {
-    /// How many lines the table has that is on the terminal.
+    /// The number of lines of the table that is on the terminal.
     Table(usize),
     /// The state of each process, by path.
     Lines(BTreeMap<String, String>),
@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                     looking.set(look(feed.clients(), Some(clock::now()), &happened));
                     is_read = shown.show(&view, arguments.name.as_ref())?;
                 }
-                // The next look shows the change.
+                // The next question to the nodes shows the change.
                 _ = feed.next() => happened.notify_one(),
                 _ = redraw.tick() => {
                     if let Shown::Table(_) = shown {
@@ -87,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })
 }
 
-/// Asks every node for its status: some time after the last look, or soon after an event.
+/// Asks every node for its status. Waits before this for some time after the last question, or shortly after an event.
 async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
     if let Some(last) = last {
         tokio::select! {
@@ -102,7 +102,7 @@ async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
 }
 
 impl Shown {
-    /// Shows the changes; returns whether the output has a reader.
+    /// Shows the changes. Returns whether the output still has a reader.
     fn show(&mut self, view: &View, name: Option<&DeploymentName>) -> anyhow::Result<bool> {
         let said = match self {
             Self::Table(lines) => {
@@ -172,7 +172,7 @@ impl View {
         lines
     }
 
-    /// Keeps the known processes of hosts that do not answer: they are not reported as over.
+    /// Keeps the known processes of hosts that do not answer, so that they are not reported as ended.
     fn keep_unknown(&self, before: &BTreeMap<String, String>, now: &mut BTreeMap<String, String>) {
         let away = self.away.silent.iter().chain(&self.away.revoked).chain(self.away.hosts.iter().map(|one| &one.host));
         let away: BTreeSet<&str> = away.map(String::as_str).collect();
@@ -187,7 +187,7 @@ impl View {
         }
     }
 
-    /// Returns everything on one line, and the same without the parts that differ each time.
+    /// Returns everything on one line. Also returns it without the parts that are different each time.
     fn json(&self) -> serde_json::Result<(String, String)> {
         let mut nodes = nodes(&self.statuses, &self.away);
         let line = serde_json::to_string(&nodes)?;
@@ -209,7 +209,7 @@ fn when() -> String {
     format!("{}Z", date_and_time(clock::unix_time()))
 }
 
-/// Returns a line for each thing that is not as it was before.
+/// Returns a line for each state that has changed.
 fn changed(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> String {
     let gone = before.keys().filter(|what| !now.contains_key(*what)).map(|what| (what, "is over"));
     let new =
@@ -221,11 +221,11 @@ fn changed(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) ->
     lines
 }
 
-/// Returns what draws a text in the place of one with `before` lines, and how many lines it has; what does not fit is left out.
-/// Source: ECMA-48, CUU, EL and ED.
+/// Returns the text that replaces `before` lines on the terminal, and the number of its lines. Leaves out lines that do
+/// not fit. Source: ECMA-48, CUU, EL and ED.
 fn drawn(text: &str, before: usize, rows: usize, columns: usize) -> (String, usize) {
     let all: Vec<&str> = text.lines().collect();
-    // The cursor is on a separate line below.
+    // The cursor is in a separate line below the text.
     let room = rows.saturating_sub(1).max(1);
     let fits = if all.len() <= room { all.len() } else { room - 1 };
     let mut lines: Vec<String> = all.iter().take(fits).map(|line| line.chars().take(columns).collect()).collect();
@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(said(&BTreeMap::new(), &first), ["c1  door@1  main/hit  idle  pid 7", "c1  node  answers"]);
         assert_eq!(said(&first, &second), ["c1  door@1  main/hit  running  pid 7"]);
         assert_eq!(said(&second, &second), Vec::<String>::new());
-        // A node that has left as requested is not missed. The state of a node that does not answer is unknown.
+        // If a node has ended on request, it is not missed. If a node does not answer, its state is unknown.
         let after = |view: View| {
             let mut now = view.lines();
             view.keep_unknown(&second, &mut now);

@@ -1,5 +1,5 @@
-//! `dca stop NAME --away HOST`: stops a deployment whose home does not answer, as far as that can be done without it. The nodes that do
-//! answer tell the home once it is there again, which then begins nothing of it, or ends it.
+//! `dca stop NAME --away HOST`: stops a deployment whose home does not answer, as far as this is possible without it.
+//! The nodes that answer inform the home when it is back. The home then ends the deployment, or does not begin it.
 
 use crate::absent::{self, Absences};
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
@@ -12,7 +12,7 @@ use node::logic::database::chronicle;
 use node::logic::database::question::{AsOf, Question, Reply};
 use node::logic::protocol::{Answer, Deployment, Request, StopReply, Tombstone};
 
-/// Has every node that answers keep a tombstone.
+/// Makes every answering node keep a tombstone for the deployment.
 pub(super) async fn keep_tombstones(clients: &Clients, name: &DeploymentName, home: &str) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     if all.iter().flat_map(|(_, found)| &found.nodes).any(|node| node.host == home) {
@@ -64,7 +64,8 @@ async fn epoch(all: &[(&Client, Statuses)], away: &Absences, name: &str, home: &
     latest
 }
 
-/// Returns the latest epoch below a prefix in the database of a robot, which has the records of all homes; nothing if it has none.
+/// Returns the latest epoch below a prefix in the database of a robot; nothing if there is none. The database contains
+/// the records of all homes.
 async fn recorded(client: &Client, robot: &str, below: &str) -> Option<u64> {
     let databases = Databases::through(client, robot.to_owned());
     let question = Question::List { prefix: below.to_owned(), at: AsOf::Now };

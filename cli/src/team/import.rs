@@ -1,4 +1,4 @@
-//! `dca team import`: takes in the certificates and revocations of a team, which come from the operator's machine.
+//! `dca team import`: adds certificates and revocations of a team that come from the operator's machine.
 
 use super::KeysArgs;
 use crate::io::named_file;

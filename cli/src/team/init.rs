@@ -1,4 +1,4 @@
-//! `dca team init`, `key`: new keys.
+//! `dca team init` and `dca team key`: make new keys.
 
 use super::{KeysArgs, now, random, user};
 use crate::io::keyring::Asked;
@@ -22,10 +22,10 @@ pub(super) struct Init {
 pub(super) struct Key {}
 
 impl Init {
-    /// Runs the verb. The user who begins a team is its first admin, with the key of this machine, or a new one.
+    /// Runs the verb. The user who begins a team becomes its first admin, with the existing key of this machine or a new one.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let keyring = keys.keyring()?;
-        // Before the passphrase, and before the keys, which take their time.
+        // This is checked before the passphrase is asked for, and before the keys are made, which takes a while.
         keyring.check_free(&self.name)?;
         let own = keyring.own()?;
         let passphrase = keys.passphrase(Asked::New)?;
@@ -49,7 +49,7 @@ impl Init {
     }
 }
 
-/// Returns the name of the user of this command as certificates have it; `admin` if it is none.
+/// Returns the user's name in the form of certificates, or `admin` if it cannot have this form.
 fn admin_name() -> Name {
     let user = crate::io::user::name();
     user.parse().unwrap_or_else(|_no_name| "admin".parse().expect("it is a name"))
@@ -74,7 +74,7 @@ impl Key {
     }
 }
 
-/// Makes keys, open and behind a passphrase.
+/// Makes keys. Returns them open, and also locked by a passphrase.
 fn new_keys(passphrase: &str) -> anyhow::Result<(SecretKeys, LockedKeys)> {
     let mut entropy = random()?;
     let made = SecretKeys::generate(&mut entropy);

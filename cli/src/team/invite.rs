@@ -1,6 +1,6 @@
-//! `dca team invite`, `join`: how a robot comes into a team.
+//! `dca team invite` and `dca team join`: add a robot to a team.
 //!
-//! While `invite` waits, it listens on the network; nothing else of a team does before its node is in one.
+//! While `invite` waits, it listens on the network. No other part of a team listens for a node that is not in a team yet.
 
 use super::{KeysArgs, now, random};
 use crate::io::keyring::Asked;
@@ -31,7 +31,7 @@ use trust::role::Role;
 use trust::team::Team;
 use zeroize::Zeroizing;
 
-/// How many refusals are reported.
+/// The most refusals that are reported.
 const TOLD_MAX: usize = 20;
 
 /// The arguments of `dca team invite`.
@@ -93,7 +93,8 @@ impl InviteArgs {
 }
 
 impl DoorArgs {
-    /// Waits for one robot, which gets a certificate with this name and role; `keep` puts that on the disk before the robot is welcome.
+    /// Waits for one robot, which gets a certificate with this name and role. `keep` writes the certificate to the disk
+    /// before the robot may join.
     pub(super) async fn wait(
         &self,
         name: &Name,
@@ -167,12 +168,12 @@ impl JoinArgs {
             Some(line) => Zeroizing::new(line.clone()),
             None => crate::io::keyring::first_line(&mut std::io::stdin().lock())?,
         };
-        // As it may be copied: with the command before it.
+        // The user may have copied the line together with the command.
         let line = Zeroizing::new(line.trim().trim_start_matches("dca team join ").to_owned());
         let base = self.state.clone().or_else(state_dir::default_base);
         let base = base.context("there is no folder to keep the keys in; choose one with `--state`")?;
         let founds = Invite::from_line(&line).is_ok_and(|invite| invite.founds);
-        // An invitation is spent once: space for the files of that moment is reserved on the disk.
+        // An invitation can be used only once. So space on the disk is reserved for the files that are written then.
         let reserve = Reserve::take(&std::path::absolute(&base)?, BEGIN_SIZE_MAX)?;
         let made = SecretKeys::generate(&mut random()?);
         let wanted: Name = "robot".parse()?;
@@ -207,13 +208,13 @@ fn ensure_free(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The lines that both ends print, so that two people can compare the words.
+/// Returns the lines that both ends print. Two people compare the words in them.
 fn joined(team: &Team, certificate: &Certificate) -> String {
     let (name, words) = (&certificate.claims().name, certificate.subject().fingerprint());
     format!("{name} is in team {} ({}); key: {words}", team.name(), team.id().fingerprint())
 }
 
-/// Returns the line as a QR code, for a person at a terminal; none for any other output.
+/// Returns the line as a QR code for a person at a terminal; nothing for other output.
 fn code(invite: &Invite) -> Option<String> {
     let code = QrCode::with_error_correction_level(invite.to_line().as_bytes(), EcLevel::L).ok()?;
     let drawn = || code.render::<Dense1x2>().dark_color(Dense1x2::Dark).light_color(Dense1x2::Light).build();

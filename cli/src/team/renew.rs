@@ -1,4 +1,4 @@
-//! `dca team renew`: a node that may renew prolongs the user's own certificate.
+//! `dca team renew`: makes a node with the right to renew prolong the user's certificate.
 
 use super::{KeysArgs, now};
 use crate::client::{ANSWER_WITHIN, Client};
@@ -41,7 +41,7 @@ fn with_judge<T>(bundle: &Bundle, work: impl FnOnce(&Judge<'_>) -> T) -> T {
     work(&Judge { team: bundle.team(), revoked: bundle.revocations(), now: now(), grace: OFFLINE_GRACE })
 }
 
-/// Asks one node after the other; returns the first good answer, and the node that gave it.
+/// Asks one node after the other. Returns the first good answer, and the node that gave it.
 async fn renewed(
     keys: &KeysArgs,
     bundle: &Bundle,

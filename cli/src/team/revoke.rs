@@ -1,4 +1,4 @@
-//! `dca team revoke`: whose keys are not trusted any more. The nodes of this machine hear of it at once, and pass it on.
+//! `dca team revoke`: revokes the keys of a robot or a user. The node of this machine is told at once, and tells the others.
 
 use super::{KeysArgs, now};
 use crate::client::{ANSWER_WITHIN, Client, unasked};
@@ -32,7 +32,7 @@ impl RevokeArgs {
         let (keyring, bundle) = keys.bundle()?;
         let mut bundle = learn(keys, &keyring, bundle)?;
         if let Some(name) = &self.name {
-            // The passphrase is only asked for once the request is known to be possible.
+            // The passphrase is asked for only after the request was found to be possible.
             let check = |bundle: &Bundle| {
                 ensure_to_revoke(bundle, name)?;
                 ensure_other_admin(bundle, name, self.last_admin)
@@ -76,14 +76,15 @@ pub(super) fn ensure_other_admin(bundle: &Bundle, name: &Name, is_wanted: bool) 
     Ok(())
 }
 
-/// Signs a set of revocations with the keys of a member, in addition to earlier ones.
+/// Signs a set that revokes all keys of a member, in addition to the earlier revocations.
 pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
     let gone: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
     let number = revoke_keys(bundle, gone, root, now)?;
     Ok(format!("{name} is revoked: number {number}"))
 }
 
-/// The same of some keys; returns the number of the set. It contains all sets that are known here, and stands for them from now on.
+/// Signs a set that revokes some keys, and returns the number of the set. The set contains the keys of all sets that
+/// are known here, and replaces them.
 pub(super) fn revoke_keys(
     bundle: &mut Bundle,
     gone: Vec<KeyId>,
@@ -104,7 +105,7 @@ pub(super) fn revoke_keys(
     Ok(number)
 }
 
-/// Does something with the node of this machine, of which it gets the name; nothing if none runs.
+/// Does some work with the node of this machine; `work` gets its name. Returns nothing if no node runs.
 pub(super) fn with_node<T>(
     keys: &KeysArgs,
     work: impl AsyncFnOnce(&Client, &str) -> Result<T, Failure>,
@@ -121,7 +122,7 @@ pub(super) fn with_node<T>(
     })
 }
 
-/// Lists the secrets that a member could read: the present holder of its keys knows them.
+/// Lists the secrets that a member could read. They are known to the holder of the member's keys.
 pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<(), Failure> {
     let found = with_node(keys, async |client, host| readable(&Databases::through(client, host.to_owned()), own).await);
     match found {
@@ -143,13 +144,13 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
     Ok(())
 }
 
-/// Asks the node of this machine for the team's revocations, and keeps the new ones: another copy of this folder may
-/// have revoked a member in the meantime. Without an answer the team stays as it is here.
+/// Asks the node of this machine for the team's revocations, and stores the new ones. A command with another copy of
+/// this folder may have revoked a member in the meantime. Without an answer, nothing changes.
 pub(super) fn learn(keys: &KeysArgs, keyring: &Keyring, bundle: Bundle) -> anyhow::Result<Bundle> {
     take(keyring, bundle, &held(keys))
 }
 
-/// Adds the revocations that the node of this machine holds, only for display.
+/// Adds the revocations of the node of this machine, without storing them.
 pub(super) fn look(keys: &KeysArgs, mut bundle: Bundle) -> Bundle {
     let held = held(keys);
     add(&mut bundle, &held);
@@ -168,9 +169,9 @@ fn sets(held: &[Vec<u8>]) -> Vec<RevokedSet> {
     held.iter().filter_map(|set| RevokedSet::from_bytes(set).ok()).collect()
 }
 
-/// Takes in sets of the team's key; returns whether any was new, and how many keys were.
+/// Adds the sets of the team's key. Returns whether any set was new, and how many keys were new.
 fn add(bundle: &mut Bundle, held: &[RevokedSet]) -> (bool, usize) {
-    // Sets of admins, and of another team whose node runs here, do not belong to the team's key.
+    // Sets of admins and of another team cannot be added to the sets of the team's key.
     let taken = held.iter().filter_map(|set| bundle.revoke(set.clone()).ok());
     taken.fold((false, 0), |(is_new, keys), taken| match taken {
         Received::Known => (is_new, keys),
@@ -189,8 +190,8 @@ fn take(keyring: &Keyring, bundle: Bundle, held: &[RevokedSet]) -> anyhow::Resul
     Ok(bundle)
 }
 
-/// Tells a node of this machine the revocations. The node tells the others, now and whenever it meets one. Its other
-/// revocations are kept here.
+/// Sends the revocations to the node of this machine. The node passes them on to all nodes, now and whenever it meets
+/// another one. Stores further revocations that the node knows.
 pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Result<(), Failure> {
     let known = bundle.revocations();
     if known.sets().is_empty() {
@@ -218,7 +219,7 @@ pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Resul
     Ok(())
 }
 
-/// Returns the revocations, in a line for a person.
+/// Describes the revocations in a line for a person.
 pub(super) fn summary(revoked: &Revocations, team: &KeyId) -> String {
     let (number, keys) = (revoked.number_of(team), revoked.keys().len());
     match revoked.sets().len() {

@@ -1,5 +1,5 @@
-//! `dca team rotate`: new keys for a robot or a user under the same name and with the same role. The old keys count until the new ones
-//! are there, and never again.
+//! `dca team rotate`: gives a robot or a user new keys, with the same name and the same role. The old keys are valid
+//! until the new ones exist. Then they are revoked.
 
 use super::invite::DoorArgs;
 use super::{KeysArgs, now, revoke, user};
@@ -78,7 +78,7 @@ impl RotateArgs {
     }
 }
 
-/// Returns the role of a member, and the keys that are not revoked.
+/// Returns the role of a member, and its keys that are not revoked.
 fn holder(bundle: &Bundle, name: &Name) -> anyhow::Result<(Role, Vec<KeyId>)> {
     let is_valid = |known: &&Certificate| !bundle.has_revoked(&known.subject());
     let valid: Vec<&Certificate> = bundle.named(name).filter(is_valid).collect();
@@ -96,7 +96,7 @@ fn ensure_new(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Replaces all other certificates of a name, whose keys are revoked.
+/// Adds the new certificate of a name, and revokes the keys of its other certificates.
 fn exchange(bundle: &mut Bundle, name: &Name, new: Certificate, root: &SecretKeys) -> anyhow::Result<()> {
     let (_, old) = holder(bundle, name)?;
     bundle.add(new)?;

@@ -1,4 +1,4 @@
-//! `dca team user add`, `remove`: the rights of users, signed with the team's key.
+//! `dca team user add` and `dca team user remove`: give rights to users and take them away. The team's key signs both.
 
 use super::{KeysArgs, now, random, revoke};
 use crate::io::keyring::Asked;
@@ -13,7 +13,7 @@ use trust::identity::{KeyId, PublicKeys, SecretKeys};
 use trust::name::{Name, UnixTime};
 use trust::role::{Kind, Role};
 
-/// For how many days a user's certificate can be renewed by default.
+/// The default number of days during which a user's certificate can be renewed.
 const DAYS: u64 = 365;
 
 /// The arguments of `dca team user`.
@@ -65,7 +65,7 @@ impl UserArgs {
             UserVerb::Add(add) => add.check(bundle),
             UserVerb::Remove(remove) => remove.check(bundle),
         };
-        // The passphrase is only asked for once the request is known to be possible.
+        // The passphrase is asked for only after the request was found to be possible.
         check(&bundle)?;
         let root = root.unlock(&keys.passphrase(Asked::Known)?)?;
         let before = match &self.verb {
@@ -91,7 +91,7 @@ impl UserArgs {
     }
 }
 
-/// Refuses a key that cannot belong to a user: that of the team, and a revoked one.
+/// Refuses a key that cannot belong to a user: the key of the team, or a revoked key.
 pub(super) fn ensure_usable(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
     ensure!(*key != bundle.team().id(), "this is the key of the team itself");
     ensure!(!bundle.has_revoked(key), "this key is revoked, for ever: the user makes another one");
@@ -109,7 +109,7 @@ impl Add {
         Ok(())
     }
 
-    /// Says that another role, which the user has now, is not taken away by this.
+    /// If the user has a certificate with another role, says that this certificate stays valid.
     fn other_role(&self, bundle: &Bundle, now: UnixTime) -> Option<String> {
         let before = bundle.credential_of(&self.key.id())?;
         let claims = before.certificate().claims();
@@ -132,7 +132,7 @@ impl Add {
     }
 }
 
-/// Returns the certificate of a user, for as long as usual.
+/// Returns the certificate of a user. It is valid for the usual time.
 pub(super) fn certificate(
     bundle: &Bundle,
     name: Name,

@@ -1,4 +1,4 @@
-//! `dca verify --fix`: edits that were verified to repair a mistake, as a difference or in the file.
+//! `dca verify --fix`: finds edits that were verified to repair a mistake. Prints them as a difference, or writes them into the file.
 
 use super::Loaded;
 use crate::check;
@@ -9,7 +9,7 @@ use node::console::{self, Failure};
 use std::path::Path;
 use verify::{Limits, Repair, Report, Verified, applied, repairs};
 
-/// One repair may reveal another mistake, but not for ever.
+/// The most rounds of repairs. A repair may reveal another mistake, but this has to end.
 const ROUNDS_MAX: usize = 16;
 
 /// Shows the repairs of a spec.
@@ -25,7 +25,8 @@ pub(super) fn show(file: &Path, loaded: &Loaded, report: &Report, limits: &Limit
     }
 }
 
-/// Writes the repairs into the file, one after the other: each is verified with those before it. Returns whether there were any.
+/// Writes the repairs into the file, one after the other. Each is verified together with the earlier ones. Returns
+/// whether there were any.
 ///
 /// # Errors
 /// The file is standard input, or cannot be written.
@@ -58,7 +59,7 @@ fn title(repair: &Repair) -> String {
     format!("verified: {}\n  instead of: {}\n", repair.fix.title, repair.sentence)
 }
 
-/// A difference as `patch` takes it, of texts that have as many lines. Lines keep their ends, also CR LF.
+/// Returns the difference of two texts in the form of `patch`. Both texts have the same number of lines. Line ends stay, including CR LF.
 fn difference(old: &Source, new: &Source) -> String {
     let mut text = format!("--- {}\n+++ {}\n", quoted(&old.name), quoted(&new.name));
     let lines = old.text.split_inclusive('\n').zip(new.text.split_inclusive('\n'));
@@ -70,12 +71,12 @@ fn difference(old: &Source, new: &Source) -> String {
     text
 }
 
-/// A line of a difference, which marks a last line without an end.
+/// Returns a line of a difference. A last line without a line end gets a mark.
 fn whole_line(line: &str) -> String {
     if line.ends_with('\n') { line.to_owned() } else { format!("{line}\n\\ No newline at end of file\n") }
 }
 
-/// The name of a file as `patch` and `git apply` read it: in quotes if it contains a blank or a special character.
+/// Returns the name of a file in the form that `patch` and `git apply` read: in quotes if it contains a blank or a special character.
 fn quoted(name: &str) -> String {
     if name.chars().all(|sign| !sign.is_whitespace() && !sign.is_control() && sign != '"' && sign != '\\') {
         return name.to_owned();
@@ -108,7 +109,7 @@ mod tests {
         );
     }
 
-    /// `patch` itself takes it, with any line ends and any name of the file.
+    /// `patch` itself accepts the difference, with any line ends and any file name.
     #[test]
     fn patch_takes_a_difference() {
         if Command::new("patch").arg("--version").output().is_err() {

@@ -10,7 +10,7 @@ use std::net::Ipv6Addr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The longest name of a network interface, in bytes. Source: `IFNAMSIZ` of Linux, less its final zero.
+/// The longest name of a network interface, in bytes. Source: `IFNAMSIZ` of Linux, without the zero at its end.
 const INTERFACE_MAX: usize = 15;
 /// The longest name for a boot of the machine, in bytes.
 const BOOT_ID_MAX: usize = 128;
@@ -72,7 +72,7 @@ impl Arguments {
         self.controllers.iter().chain(&self.run_dir).chain(&self.state).map(PathBuf::as_path)
     }
 
-    /// Returns the words that say the same in any working folder. Paths are to be text.
+    /// Returns words that mean the same options in every working folder. Paths have to be text.
     pub(super) fn words(&self) -> Vec<String> {
         let path = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
         let mut words = vec!["--name".to_owned(), self.name.as_str().to_owned()];
@@ -100,12 +100,12 @@ impl Arguments {
     }
 }
 
-/// Reads the name of a variable, or how names begin.
+/// Reads the name of a variable, or the beginning of such names.
 fn inherited(text: &str) -> Result<String, String> {
     pattern_problem(text).map_or_else(|| Ok(text.to_owned()), Err)
 }
 
-/// Reads where another node can be dialled.
+/// Reads the address at which another node can be dialled.
 fn peer(text: &str) -> Result<String, &'static str> {
     let place = text.strip_prefix("tcp/").ok_or("it begins with `tcp/`")?;
     let (host, port) = place.rsplit_once(':').ok_or("it ends in `:` and a port")?;
@@ -124,8 +124,8 @@ fn peer(text: &str) -> Result<String, &'static str> {
     if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
 }
 
-/// Returns whether a network interface can have this name. Characters with a meaning in the locators of zenoh are not
-/// allowed. Source: `dev_valid_name` of Linux.
+/// Returns whether a network interface can have this name. Characters that have a meaning in zenoh's locators are not
+/// permitted. Source: `dev_valid_name` of Linux.
 fn is_interface(name: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_graphic() && !"/:?#%[]".contains(c);
     (1..=INTERFACE_MAX).contains(&name.len()) && name.chars().all(is_plain)

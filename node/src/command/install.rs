@@ -1,4 +1,4 @@
-//! `dca-node install`: has systemd keep a node running.
+//! `dca-node install`: makes systemd keep a node running.
 
 use super::arguments::Arguments;
 use crate::console::{self, Failure};
@@ -12,11 +12,11 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::process::Command;
 
-/// Where an administrator's units are. Source: systemd.unit(5), "Unit File Load Path".
+/// The folder for the units of an administrator. Source: systemd.unit(5), "Unit File Load Path".
 const UNITS: &str = "/etc/systemd/system";
 /// The name of the unit.
 const UNIT: &str = "dca-node.service";
-/// The folder that exists where systemd runs the machine. Source: sd_booted(3).
+/// The folder that exists if systemd runs the machine. Source: sd_booted(3).
 const BOOTED: &str = "/run/systemd/system";
 
 /// The arguments of `dca-node install`, besides the options that the node is to have.
@@ -40,7 +40,7 @@ pub(super) struct Install {
 enum Written {
     New,
     Again,
-    /// Over that of another node: of another name, another user, or with other folders.
+    /// A unit of another node was replaced. That node had another name, another user, another boot id or other folders.
     Other,
     Same,
 }
@@ -95,7 +95,7 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns why nothing can be installed here, if so.
+/// Returns why nothing can be installed here; nothing if it can.
 fn refusal(is_root: bool, has_systemd: bool) -> Option<String> {
     if !has_systemd {
         return Some(format!("systemd does not run this machine (there is no `{BOOTED}`)"));
@@ -103,13 +103,13 @@ fn refusal(is_root: bool, has_systemd: bool) -> Option<String> {
     (!is_root).then(|| format!("only root may write to `{UNITS}`: `sudo dca-node install …`"))
 }
 
-/// Whether the machine has a user of this name, from wherever it takes its users. Source: id(1).
+/// Returns whether the machine has a user of this name in any of its sources of users. Source: id(1).
 fn is_known(user: &str) -> bool {
     let asked = Command::new("id").args(["-u", "--", user]).output();
     asked.is_ok_and(|output| output.status.success())
 }
 
-/// Writes a unit, completely or not at all, unless a person has changed the present one.
+/// Writes a unit, completely or not at all. It is not written if a person has changed the present unit.
 fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Written> {
     let text = unit.text();
     if fs::metadata(path).is_ok_and(|there| !there.is_file()) {

@@ -1,14 +1,13 @@
 //! Checks that this process was given a writable standard output, resets its signals, and escapes the text of its
 //! arguments for output.
+//! Before `main`, the runtime of Rust replaces a closed standard stream by `/dev/null`. If a stream is open only for
+//! reading, the runtime treats each write to it as done. So a result would be lost unnoticed. Once the runtime has
+//! begun, its `/dev/null` looks the same as one from the caller: Python's `subprocess.DEVNULL` has the same flags. So
+//! the streams are checked earlier: the loader calls the functions in `.init_array` before the runtime. Source: System
+//! V ABI, "Initialization and Termination Functions"; `std::sys::pal::unix::init`.
 //!
-//! Before `main`, the runtime of Rust opens `/dev/null` in the place of a closed standard stream; and on a stream that
-//! is open only for reading it treats each write as done. So a result would be lost unnoticed. Once the runtime has
-//! begun, its `/dev/null` cannot be told from one that the caller has given: Python's `subprocess.DEVNULL` has the same
-//! flags. So this is checked before: the loader calls the functions in `.init_array` ahead of the runtime. Source:
-//! System V ABI, "Initialization and Termination Functions"; `std::sys::pal::unix::init`.
-//!
-//! Signals that the caller has blocked stay blocked in a program that it starts, and in its children: such a node could
-//! not be stopped by SIGTERM. If SIGCHLD is ignored, the kernel discards the exit status of children. Source:
+//! If the caller has blocked signals, they stay blocked in a program that it starts, and in the program's children.
+//! SIGTERM could not stop such a node. If SIGCHLD is ignored, the kernel discards the exit status of children. Source:
 //! signal(7), "Execution of signal handlers"; sigaction(2). An ignored SIGHUP is intended (`nohup`), and stays ignored.
 
 use crate::logic::printable::one_line;
@@ -21,8 +20,8 @@ static IS_LOST: AtomicBool = AtomicBool::new(false);
 
 #[used]
 #[expect(unsafe_code, reason = "nothing else is called before the runtime of Rust begins")]
-// SAFETY: the section holds addresses of functions of the C ABI, which are called once, in the only thread; this one needs nothing of
-// the runtime.
+// SAFETY: the section holds addresses of functions of the C ABI. Each is called once, in the only thread. This function
+// needs nothing of the runtime.
 #[unsafe(link_section = ".init_array")]
 static BEGIN: extern "C" fn() = begin;
 
@@ -33,7 +32,7 @@ extern "C" fn begin() {
 
 #[expect(unsafe_code, reason = "the number may be that of no open descriptor, so it cannot be borrowed")]
 fn look() {
-    // SAFETY: it takes two numbers and touches no memory; for a descriptor that is not open it returns -1.
+    // SAFETY: the call takes two numbers and touches no memory. For a descriptor that is not open, it returns -1.
     let flags = unsafe { libc::fcntl(libc::STDOUT_FILENO, libc::F_GETFL) };
     let is_lost = flags == -1 || flags & libc::O_ACCMODE == libc::O_RDONLY;
     IS_LOST.store(is_lost, Ordering::Relaxed);
@@ -41,7 +40,8 @@ fn look() {
 
 #[expect(unsafe_code, reason = "there is no safe call that sets the mask of signals of a process")]
 fn take_signals_back() {
-    // SAFETY: `none` is made by `sigemptyset` before it is used, and only this function has it. There is one thread, and no handler yet.
+    // SAFETY: `sigemptyset` initialises `none` before it is used, and only this function has it. Only one thread runs,
+    // and no handler is set yet.
     unsafe {
         let mut none: libc::sigset_t = std::mem::zeroed();
         libc::sigemptyset(&raw mut none);
@@ -53,7 +53,7 @@ fn take_signals_back() {
 /// Checks that standard output was open for writing when this process began.
 ///
 /// # Errors
-/// It was not.
+/// Standard output was closed, or open only for reading.
 pub(super) fn check() -> io::Result<()> {
     if IS_LOST.load(Ordering::Relaxed) {
         return Err(io::Error::other("it is closed, or open for reading alone"));
@@ -61,11 +61,11 @@ pub(super) fn check() -> io::Result<()> {
     Ok(())
 }
 
-/// The separators between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`. In texts without colours a part
-/// that begins with an escape may be left out.
+/// The separators between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`. In a text without colours, a
+/// part that begins with an escape may have been left out.
 const BETWEEN: [char; 7] = [':', '/', '=', '.', ',', ' ', '\x1b'];
 
-/// Returns a text in which the arguments of this process, and the names in them, stand as a terminal may show them.
+/// Returns a text in which the arguments of this process, and the names in them, are safe for a terminal.
 pub(super) fn written_out(text: &str) -> String {
     let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
     of_arguments(text, arguments)
@@ -78,7 +78,7 @@ fn of_arguments(text: &str, arguments: impl Iterator<Item = String>) -> String {
         given.insert(argument);
     }
     let mut given: Vec<String> = given.into_iter().filter(|name| *name != one_line(name)).collect();
-    // The whole before its parts.
+    // A whole argument is replaced before its parts.
     given.sort_by_key(|name| std::cmp::Reverse(name.len()));
     given.iter().fold(text.to_owned(), |text, name| text.replace(name.as_str(), &one_line(name)))
 }

@@ -1,6 +1,5 @@
-//! Checks that messages of other nodes come from their claimed sender. In a team each message is signed with the key of
-//! a certificate, and its node may only speak under the name in the certificate. Outside a team every sender is
-//! believed.
+//! Checks that messages of other nodes come from their claimed sender. In a team, each message is signed with the key
+//! of a certificate. A node may only use the name in its certificate. Outside a team, every sender is believed.
 
 use crate::logic::link::Frame;
 use crate::logic::protocol::{Body, Refusal, Relay};
@@ -23,10 +22,10 @@ impl Authors {
         Self { member, session: Arc::clone(session), host: host.to_owned() }
     }
 
-    /// Returns whether a message is from `claimed`. If not, this is written to the audit log, and its sender is told.
+    /// Returns whether a message is from `claimed`. If it is not, writes this to the audit log and informs the sender.
     pub(crate) fn admits(&self, author: &Author, claimed: &str) -> bool {
         let Some((member, why)) = self.member.as_ref().zip(author.problem(claimed)) else { return true };
-        // This node does not know its key yet: the sender repeats the message.
+        // This node does not know the sender's key yet. The sender repeats the message.
         if *author == Author::Stranger {
             tracing::debug!(claimed, "dropping a message of a sender that is not known yet");
         } else if member.refuse_message(&format!("speak as `{claimed}`"), &why)
@@ -46,7 +45,7 @@ impl Authors {
         }
     }
 
-    /// Signs a message that this node passes on to another one by way of the frame's receiver.
+    /// Signs a message of this node that the receiver of the frame passes on to another node.
     pub(crate) fn sign_relay(&self, frame: &mut Frame) {
         let Some((member, relay)) = self.member.as_ref().zip(relay(frame)) else { return };
         if relay.from == self.host {
@@ -73,7 +72,7 @@ impl Authors {
         }
     }
 
-    /// Takes another node's report that it has refused a message of this one.
+    /// Logs that another node has refused a message of this node.
     pub(crate) fn hear_refusal(&self, author: &Author, bytes: &[u8]) {
         let Ok(Refusal { by, why }) = codec::decode(bytes) else { return };
         if self.admits(author, &by) {

@@ -1,10 +1,10 @@
-//! Sends the answers to a call, and ends them: complete, or with the reason why not.
+//! Sends the answers to a call. Says at the end that they are complete, or why not.
 //!
-//! A server must not wait for a caller that takes nothing, so there is room for a limited number of answers. The first
-//! answer without room ends the call, and the caller is told that its answers are incomplete. It is told the same when
-//! the server is gone before [`Caller::end`].
+//! A server must not wait for a caller that takes no answers, so only a limited number of answers can wait. If an
+//! answer finds no room, the call ends, and the caller is told that its answers are incomplete. The caller is told the
+//! same if the server is gone before [`Caller::end`].
 //!
-//! A call may have a witness, which hears the outcome of the request even if its caller is gone.
+//! A call may have a witness, which learns the outcome of the request even if the caller is gone.
 
 use crate::logic::gate::{Outcome, outcome};
 use crate::logic::protocol::Answer;
@@ -14,14 +14,14 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
-/// How many answers wait for one caller.
+/// The most answers that wait for one caller.
 const ANSWERS_MAX: usize = 4096;
 /// The error of a caller that has not taken all answers.
 const SLOW: &str = "more came than were taken";
-/// The error of a caller whose answers were never ended.
+/// The error of a caller whose answers never got an end.
 const LEFT: &str = "the node went away from them";
 
-/// The end of the answers, once it is known.
+/// How the answers ended, once this is known.
 type End = Arc<OnceLock<Result<(), Cow<'static, str>>>>;
 
 /// The server's end of a call.
@@ -32,7 +32,7 @@ pub struct Caller {
     witness: Mutex<Option<Witness>>,
 }
 
-/// Gets the outcome of a request once; none if no answer had the outcome.
+/// Receives the outcome of a request once; nothing if no answer contained the outcome.
 struct Witness(Box<dyn FnOnce(Option<Outcome>) + Send>);
 
 impl fmt::Debug for Witness {
@@ -55,7 +55,7 @@ pub fn answers() -> (Caller, Answers) {
 }
 
 impl Caller {
-    /// Adds a witness, which hears the outcome of the request once an answer has it, or that none has.
+    /// Adds a witness. It receives the outcome of the request once an answer contains it, or learns at the end that there was none.
     #[must_use]
     pub(crate) fn witnessed(mut self, witness: impl FnOnce(Option<Outcome>) + Send + 'static) -> Self {
         self.witness = Mutex::new(Some(Witness(Box::new(witness))));
@@ -75,8 +75,8 @@ impl Caller {
         outcome(answer).into_iter().for_each(|outcome| self.tell(Some(outcome)));
     }
 
-    /// Answers without waiting. Returns whether there was room, and a receiver; if not, there will be no more answers.
-    /// A witness also receives answers, up to the one with the outcome of the request.
+    /// Sends an answer without waiting. Returns whether further answers can be sent: there was room and a receiver, or
+    /// a witness still needs the outcome.
     pub fn offer(&self, answer: Answer) -> bool {
         self.tell_of(&answer);
         match self.answers.try_send(answer) {
@@ -89,7 +89,7 @@ impl Caller {
         }
     }
 
-    /// Answers, once there is room. Returns whether there is still a receiver.
+    /// Sends an answer as soon as there is room. Returns whether there is still a receiver.
     ///
     /// # Cancellation
     /// The answer is lost.
@@ -98,7 +98,7 @@ impl Caller {
         self.answers.send(answer).await.is_ok()
     }
 
-    /// Returns how many answers wait to be taken.
+    /// Returns how many answers have not been taken yet.
     pub fn waiting(&self) -> usize {
         self.answers.max_capacity() - self.answers.capacity()
     }
@@ -123,7 +123,7 @@ impl Caller {
     }
 
     fn settle(&self, end: Result<(), Cow<'static, str>>) {
-        // The first end counts.
+        // Only the first end counts.
         self.end.set(end).unwrap_or_default();
     }
 }
@@ -146,7 +146,7 @@ impl Answers {
     /// Returns, after the last answer, whether the answers are complete.
     ///
     /// # Errors
-    /// The answers are incomplete; the reason for a person.
+    /// The answers are incomplete. The text is the reason, for a person.
     pub fn end(self) -> Result<(), Cow<'static, str>> {
         self.end.get().cloned().unwrap_or(Err(LEFT.into()))
     }
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(heard(vec![answer()]), [Some(Err(String::new()))]);
     }
 
-    /// The caller was killed: its request goes on, and the outcome is known.
+    /// The caller was killed. Its request continues, and the witness learns the outcome.
     #[tokio::test]
     async fn a_witness_takes_answers_when_the_caller_is_gone() {
         let (told, hears) = std::sync::mpsc::sync_channel(8);

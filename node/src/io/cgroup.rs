@@ -1,9 +1,9 @@
-//! Makes a control group for this process and everything that it starts, where the system allows it.
+//! Makes a control group for this process and everything that it starts, if the system allows this.
 //!
-//! The process moves into its own group once, at its start, and all of its children are born there. So a start has no
-//! extra cost, and no program can leave the group by changing its parents, session or environment. After a crash the
-//! next run finds the group by the file that names it, and kills its processes. Only the second version of control
-//! groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
+//! The process moves into its own group once, at its start. All of its children begin in this group. So starting a
+//! program costs nothing extra. No program can leave the group by changing its parent, session or environment. After a
+//! crash, the next run finds the group by the file with its name, and kills its processes. Only the second version of
+//! control groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
 
 use crate::logic::protocol::Containment;
 use comms::io::file;
@@ -13,9 +13,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// The file in a node's folder that names the group it runs in.
+/// The file in a node's folder with the name of the node's group.
 const GROUP_FILE: &str = "cgroup";
-/// How the name of a group begins; the number and the start time of its process follow.
+/// The beginning of a group's name. The number and the start time of the group's process follow.
 const PREFIX: &str = "dca-";
 
 /// The longest name of a group, in bytes.
@@ -24,8 +24,8 @@ const NAME_MAX: usize = 4096;
 /// The group of this process, once it has one.
 static OWN: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// Moves this process into a group of its own, unless it is in one, and writes the group's name into `folder`. Nothing
-/// happens if the system does not allow it: in containers, and in sessions that are not delegated.
+/// Moves this process into a group of its own, unless it is already in one, and writes the group's name into `folder`.
+/// Does nothing if the system does not allow it: in containers, and in sessions without delegation.
 pub fn enter(folder: &Path) {
     let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     if own.is_none() {
@@ -38,12 +38,12 @@ pub fn enter(folder: &Path) {
     }
 }
 
-/// Returns whether a process started in this group could get its own group: one is made, and removed.
+/// Returns whether a process that starts in the present group could get its own group. Tries this by making and removing one.
 pub fn is_possible() -> bool {
     let own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(place) = place().filter(|_| own.is_none()) else { return own.is_some() };
     let trial = place.join(format!("{PREFIX}trial-{}", std::process::id()));
-    // Without `cgroup.kill` the kernel is older than required.
+    // If `cgroup.kill` is missing, the kernel is too old.
     let is_made = takes_groups(&place) && std::fs::create_dir(&trial).is_ok();
     let is_possible = is_made && trial.join("cgroup.kill").exists();
     if is_made {
@@ -52,7 +52,7 @@ pub fn is_possible() -> bool {
     is_possible
 }
 
-/// Moves this process into the group of the earlier run in `folder`, whose programs it adopts.
+/// Moves this process into the group of the earlier run in `folder`, whose programs this process adopts.
 pub fn enter_recorded(folder: &Path) {
     let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     if own.is_none() {
@@ -60,39 +60,39 @@ pub fn enter_recorded(folder: &Path) {
     }
 }
 
-/// Returns the group of this process, if it has its own.
+/// Returns the group of this process, if the process has its own.
 pub fn own() -> Option<PathBuf> {
     OWN.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
-/// Returns the kind of containment for the programs of this process.
+/// Returns how the programs of this process are contained.
 pub fn containment() -> Containment {
     let is_in_group = OWN.lock().unwrap_or_else(PoisonError::into_inner).is_some();
     if is_in_group { Containment::ControlGroup } else { Containment::Subreaper }
 }
 
-/// Moves this process out of its group, and removes that if nothing else is in it.
+/// Moves this process out of its group. Removes the group if no other process is in it.
 pub fn leave() {
     let Some(group) = OWN.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
     let parent = group.parent().unwrap_or(Path::new("/"));
-    // Without the right to return to the parent, the group stays until the machine stops or the next run removes it.
+    // If this process may not return to the parent, the group stays until the machine stops or the next run removes it.
     if std::fs::write(parent.join("cgroup.procs"), std::process::id().to_string()).is_ok() {
         remove(&group);
     }
 }
 
-/// Returns the group that the earlier run in `folder` was in; none if there is none, or if that process is alive.
+/// Returns the group of the earlier run in `folder`. Returns nothing if there is none, or if the process of that run is alive.
 pub fn recorded(folder: &Path) -> Option<PathBuf> {
     let name = file::bytes(&folder.join(GROUP_FILE), NAME_MAX).ok()?;
     let group = PathBuf::from(String::from_utf8(name).ok()?);
     let process = process_of(&group)?;
-    // A group that also holds this process cannot be killed as a whole: a program of the earlier run has started this
-    // process.
+    // If the group also holds this process, it cannot be killed as a whole. In this case, a program of the earlier run
+    // has started this process.
     let holds_this = place().is_none_or(|place| place.starts_with(&group));
     (group.join("cgroup.procs").is_file() && !processes::is_running(process) && !holds_this).then_some(group)
 }
 
-/// Returns the numbers of the processes in a group.
+/// Returns the process ids of a group.
 pub fn members(group: &Path) -> Vec<i32> {
     let text = std::fs::read_to_string(group.join("cgroup.procs")).unwrap_or_default();
     text.lines().filter_map(|line| line.parse().ok()).collect()
@@ -124,16 +124,16 @@ fn make() -> Option<PathBuf> {
     Some(group)
 }
 
-/// Returns whether groups can be made in this one. If controllers are enabled in it, another group would change this
-/// process's share of the machine. The controllers for limits do not count: they are enabled for programs of this node
-/// or an earlier one.
+/// Returns whether groups can be made in this group. If controllers are enabled in it, another group would change the share
+/// of the machine that this process gets. Controllers for limits do not count: this node or an earlier one has enabled them
+/// for programs.
 fn takes_groups(place: &Path) -> bool {
     let of_limits = ["memory", "pids", "cpu"];
     let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control"));
     controllers.is_ok_and(|controllers| controllers.split_whitespace().all(|one| of_limits.contains(&one)))
 }
 
-/// Removes the empty groups of processes that were killed and never had a successor.
+/// Removes empty groups whose processes were killed and had no successor.
 fn remove_abandoned(place: &Path) {
     let groups = std::fs::read_dir(place).into_iter().flatten().flatten().map(|entry| entry.path());
     let is_over = |group: &PathBuf| process_of(group).is_some_and(|process| !processes::is_running(process));
@@ -154,7 +154,7 @@ fn join(group: &Path) -> io::Result<()> {
     joined
 }
 
-/// Returns the folder of the group that this process is in.
+/// Returns the folder of the group that contains this process.
 fn place() -> Option<PathBuf> {
     let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
     let path = groups.lines().find_map(|line| line.strip_prefix("0::"))?.to_owned();
@@ -162,7 +162,7 @@ fn place() -> Option<PathBuf> {
     mounts.lines().find_map(|line| below_mount(line, &path))
 }
 
-/// Returns the folder of the group `path` if a line of `/proc/self/mountinfo` is a mount that shows it. Source:
+/// If a line of `/proc/self/mountinfo` is a mount that shows the group `path`, returns the folder of the group. Source:
 /// proc_pid_mountinfo(5): fields 4 and 5 are the root and the place of the mount, the type follows ` - `.
 fn below_mount(line: &str, path: &str) -> Option<PathBuf> {
     let (before, after) = line.split_once(" - ")?;

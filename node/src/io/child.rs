@@ -1,10 +1,11 @@
-//! Starts and signals programs, and nothing else does. Each program has a shim, which takes lines as orders and reports in
-//! lines.
+//! Starts programs and sends signals to them; no other module does this. Each program has a shim, which takes orders
+//! and makes reports as lines.
 //!
-//! A shim started by this node has its lines in two pipes. A shim started by an earlier run of the node is attached to
-//! at its socket. `shim::protocol` defines the count of lines that makes sure nothing is lost or done twice.
+//! If this node has started a shim, it exchanges lines with it over two pipes. If an earlier run of the node has
+//! started it, this node attaches to its socket. Both ends count the lines as `shim::protocol` defines, so that no line
+//! is lost or carried out twice.
 //!
-//! Nothing here kills on drop: a shim whose node has died follows its own rule, and a living node gives its shims orders.
+//! Dropping these values kills no program: if its node has died, a shim follows its own rule, and a living node sends orders.
 
 mod executable;
 pub mod leftovers;
@@ -34,22 +35,22 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::process::{ChildStdin, ChildStdout};
 use tokio::sync::mpsc::{Receiver, Sender};
 
-/// How much of a program's output is read to find its last lines, in bytes.
+/// The part of a program's output that is searched for its last lines, in bytes.
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
 /// How long a shim may take for each step of an attachment; a suspended shim takes no step.
 const ATTACH_WITHIN: Duration = Duration::from_secs(3);
 /// The longest record of an instance, in bytes.
 const RECORD_MAX: usize = 1 << 20;
-/// The longest reply to an attachment, its end included, in bytes.
+/// The longest reply to an attachment, including its end, in bytes.
 const REPLY_MAX: usize = 64;
-/// How long [`OUTPUT_FILE`] was when the program started, in bytes: a number in the instance directory, for a later node.
+/// The file in the instance directory with the length of [`OUTPUT_FILE`] at the start of the program, in bytes. A later node reads it.
 const OUTPUT_BEGIN_FILE: &str = "out.begin";
 
-/// A shim, seen from the node: its orders go in here.
+/// The way for orders to a shim.
 #[derive(Debug)]
 pub struct ShimOrders {
     channel: OrderChannel,
-    /// The secrets that the shim gets before any order.
+    /// The secrets that the shim gets before the first order.
     secrets: SecretBytes,
 }
 
@@ -59,54 +60,54 @@ enum OrderChannel {
     Attached(OwnedWriteHalf),
 }
 
-/// The reporting side of a shim, until it ends.
+/// The reports of a shim, until it ends.
 #[derive(Debug)]
 pub struct ShimReports {
     channel: ReportChannel,
     dir: PathBuf,
-    /// The earlier length of the output file: bytes before it do not belong to this program.
+    /// The length of the output file at the start of the program. Earlier bytes do not belong to this program.
     written_before: u64,
 }
 
 #[derive(Debug)]
 enum ReportChannel {
     Started(std::process::Child, ChildStdout),
-    /// The bytes that were read with the reply, and the rest of the stream.
+    /// The bytes that were read together with the reply, and the rest of the stream.
     Attached(Vec<u8>, OwnedReadHalf),
 }
 
-/// A shim that an earlier run of the node has started, and that takes orders of this one now.
+/// A shim that an earlier run of the node has started, and that now takes orders from this run.
 #[derive(Debug)]
 pub struct Attached {
-    /// Takes the orders that follow the ones already taken.
+    /// Takes further orders, after the orders that the shim has already taken.
     pub orders: ShimOrders,
-    /// The reports that the node did not have yet.
+    /// The reports that the node did not know yet.
     pub reports: ShimReports,
-    /// How many orders the shim has taken, of all nodes.
+    /// How many orders the shim has taken from all runs of the node.
     pub taken: u64,
-    /// How many of these reports the shim had already made.
+    /// How many of these reports the shim had made before the attachment.
     pub missed: usize,
 }
 
 /// Starts a shim. Blocks while files are written.
 ///
 /// # Errors
-/// The shim itself cannot be started, or traces of an earlier one cannot be removed.
+/// The shim cannot be started, or files of an earlier shim cannot be removed.
 ///
 /// # Panics
 /// Outside a tokio runtime.
 pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimReports)> {
     let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
-    // This node may have just died and been restarted. Until the new shim is there, these files would be those of an
-    // earlier program.
+    // This node may have died and been restarted a moment ago. Until the new shim has written these files, they would
+    // be those of an earlier program.
     for stale in [EXIT_FILE, SOCKET_FILE] {
         remove_stale(&start.dir.join(stale))?;
     }
-    // Without this file the output of an earlier program would precede this one's, but only after such a death.
+    // Without this file, a later node would count the output of earlier programs as output of this one.
     if let Err(error) = file::write(&start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string().as_bytes()) {
         tracing::debug!(%error, "where the output of a program begins is not kept");
     }
-    // Arguments can be read by every user of the machine.
+    // The environment is not among the arguments, because every user of the machine can read these.
     let arguments = ShimStart { environment: Vec::new(), ..start.clone() }.arguments();
     let mut child = Command::new(shim)
         .args(arguments)
@@ -124,13 +125,13 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimRepo
     Ok((ShimOrders { channel: OrderChannel::Started(orders), secrets: SecretBytes::default() }, reports))
 }
 
-/// Attaches to the shim in `dir` that an earlier run of this node has started, of which `known_reports` reports are
-/// known. The returned reports begin with the first unknown one. Blocks, for 10 s at most.
+/// Attaches to the shim in `dir` that an earlier run of this node has started. `known_reports` is the number of its
+/// reports that are known already; the returned reports begin after these. Blocks, for 10 s at most.
 ///
 /// # Errors
-/// `TimedOut`: the shim is there and does not answer; it is suspended, or still has another node. Every other kind: the shim
-/// takes no orders. It is gone (`NotFound`, `ConnectionRefused`), is just leaving (`ConnectionReset`, `UnexpectedEof`), or has
-/// never made as many reports (`UnexpectedEof`). [`ended`] then says how its program ended.
+/// `TimedOut`: the shim exists and does not answer; it is suspended, or another node is still attached. All other
+/// kinds: the shim takes no orders. It is gone (`NotFound`, `ConnectionRefused`), is just leaving (`ConnectionReset`,
+/// `UnexpectedEof`), or has never made so many reports (`UnexpectedEof`). [`ended`] then says how its program ended.
 ///
 /// # Panics
 /// Outside a tokio runtime.
@@ -140,7 +141,7 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
         if is_late { io::Error::new(io::ErrorKind::TimedOut, "the shim does not answer") } else { error }
     };
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
-    // Connecting waits as long, when as many wait as the kernel lets.
+    // The time limit also applies to the connection: if the kernel's queue of connections is full, connecting waits.
     set_socket_timeout(&socket, Timeout::Send, Some(ATTACH_WITHIN))?;
     connect(&socket, &SocketAddrUnix::new(dir.join(SOCKET_FILE))?).map_err(|error| silent(error.into()))?;
     let mut stream = UnixStream::from(socket);
@@ -148,7 +149,7 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
     stream.write_all(format!("{}\n", AttachRequest { reports: known_reports }).as_bytes()).map_err(silent)?;
     let reply = read_reply(&mut stream).map_err(silent)?;
     stream.set_nonblocking(true)?;
-    // These reports were written together with the reply.
+    // The shim has written these reports together with the reply.
     let ahead = read_ready(&mut stream)?;
     let missed = ahead.split_inclusive(|byte| *byte == b'\n').filter(|line| is_report(line)).count();
     let (reports, orders) = tokio::net::UnixStream::from_std(stream)?.into_split();
@@ -176,13 +177,13 @@ fn read_ready(stream: &mut UnixStream) -> io::Result<Vec<u8>> {
     Ok(ready)
 }
 
-/// Returns whether these bytes are a whole line, and a report.
+/// Returns whether these bytes are a whole line with a report.
 fn is_report(line: &[u8]) -> bool {
     let line = line.strip_suffix(b"\n").and_then(|line| std::str::from_utf8(line).ok());
     line.and_then(ShimReport::parse).is_some()
 }
 
-/// Reads the reply, and not a byte of the reports behind it.
+/// Reads the reply, but no byte of the reports after it.
 fn read_reply(stream: &mut UnixStream) -> io::Result<AttachReply> {
     let mut line = Vec::new();
     let mut byte = [0];
@@ -198,15 +199,14 @@ fn read_reply(stream: &mut UnixStream) -> io::Result<AttachReply> {
         .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, format!("`{reply}` is not a reply")))
 }
 
-/// Returns how the program in `dir` ended, as its shim has recorded it; none if it did not end, was never started, or its
-/// shim was killed. The record is of the program that was started last.
+/// Returns how the program in `dir` ended, according to the record of its shim. Returns nothing if the program did not
+/// end or was never started, or if its shim was killed. The record is about the program that was started last.
 pub fn ended(dir: &Path) -> Option<ShimReport> {
     let record = text(&dir.join(EXIT_FILE))?;
     ShimReport::parse(record.strip_suffix('\n')?)
 }
 
-/// Kills the leftovers of a killed shim until none is left: a process that the kernel does not remove may
-/// still move something.
+/// Kills the leftovers of a killed shim until there are none. If the kernel does not remove a process, it may still move something.
 async fn end_left(dir: PathBuf) {
     let ending = |round| {
         let folder = dir.clone();
@@ -220,7 +220,7 @@ async fn end_left(dir: PathBuf) {
     remove_stale(&dir.join(EXIT_FILE)).unwrap_or_default();
 }
 
-/// Removes the record of an end that a node is about to take note of.
+/// Removes the record of an end. The node is about to note this end.
 async fn forget_end(dir: &Path) {
     let record = dir.join(EXIT_FILE);
     let removed = tokio::task::spawn_blocking(move || remove_stale(&record)).await;
@@ -229,18 +229,18 @@ async fn forget_end(dir: &Path) {
     }
 }
 
-/// Returns the last output lines of the program in `dir`, for an end that [`ended`] has returned.
+/// Returns the last output lines of the program in `dir`, if [`ended`] has returned its end.
 pub fn ended_output(dir: &Path) -> Vec<String> {
     last_output(dir, output_begin(dir))
 }
 
-/// Returns how long the file of output was when the program started; 0 where that is not known.
+/// Returns the length of the output file at the start of the program, or 0 if it is not known.
 fn output_begin(dir: &Path) -> u64 {
     let begin = text(&dir.join(OUTPUT_BEGIN_FILE));
     begin.and_then(|length| length.parse().ok()).unwrap_or(0)
 }
 
-/// Returns the text of a small file in an instance directory; none if there is no such file.
+/// Returns the text of a small file in an instance directory; nothing if the file does not exist.
 fn text(path: &Path) -> Option<String> {
     String::from_utf8(file::bytes_itself(path, RECORD_MAX).ok()?).ok()
 }
@@ -252,11 +252,10 @@ fn remove_stale(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns the levels of this shim's sandbox beyond capabilities that the kernel supports: `landlock`, `seccomp`.
-/// Blocks.
+/// Returns the further levels of this shim's sandbox that the kernel supports, besides capabilities: `landlock`, `seccomp`. Blocks.
 ///
 /// # Errors
-/// The shim cannot be started, or does not print them.
+/// The shim cannot be started, or does not print the levels.
 pub fn sandbox_levels(shim: &Path) -> io::Result<Vec<String>> {
     let said = Command::new(shim).arg(LEVELS).stdin(Stdio::null()).stderr(Stdio::null()).env_clear().output()?;
     if !said.status.success() {
@@ -266,16 +265,16 @@ pub fn sandbox_levels(shim: &Path) -> io::Result<Vec<String>> {
 }
 
 impl ShimOrders {
-    /// Gives the shim the secrets of its program, as [`shim::protocol::secret`] writes them.
+    /// Adds the secrets of the program, in the form of [`shim::protocol::secret`].
     #[must_use]
     pub(crate) fn with(self, secrets: SecretBytes) -> Self {
         Self { secrets, ..self }
     }
 
-    /// Passes orders on until there are no more, `first` before all others. A shim that is gone is told nothing; its reports say what became of it.
+    /// Sends the orders in `first` and then all others. If the shim is gone, orders are lost; the reports of the shim say how it ended.
     ///
     /// # Cancellation
-    /// The shim then counts its node as gone.
+    /// The shim then treats its node as gone.
     pub async fn pass(self, first: Vec<ShimOrder>, mut orders: Receiver<ShimOrder>) {
         let mut channel: Box<dyn AsyncWrite + Send + Unpin> = match self.channel {
             OrderChannel::Started(pipe) => Box::new(pipe),
@@ -298,10 +297,10 @@ impl ShimOrders {
 }
 
 impl ShimReports {
-    /// Passes every report on, together with the last lines of output at an exit; the last one is always `Gone`.
+    /// Passes on every report. The report of an end comes with the last lines of output. The last report is always `Gone`.
     ///
     /// # Cancellation
-    /// Not safe: reports are lost. Runs in its own task until the shim ends.
+    /// Not safe: reports would be lost. This runs in its own task until the shim ends.
     pub async fn listen(self, sink: Sender<(ShimReport, Vec<String>)>) {
         let Self { channel, dir, written_before } = self;
         let (mut child, reports): (_, Box<dyn AsyncRead + Send + Unpin>) = match channel {
@@ -336,7 +335,7 @@ impl ShimReports {
             };
             gone |= report == ShimReport::Gone;
             if gone {
-                // The record is removed before the node takes note of the end: any later record belongs to the next program.
+                // The record is removed before the node notes the end. So any later record belongs to the next program.
                 forget_end(&dir).await;
             }
             if sink.send((report, output)).await.is_err() {
@@ -344,13 +343,14 @@ impl ShimReports {
             }
         }
         let reaping = tokio::task::spawn_blocking(move || {
-            // A shim that was attached to is the child of another process.
+            // A shim that this node has attached to is the child of another process, so it is not waited for here.
             child.as_mut().map_or(Ok(()), |child| child.wait().map(drop))
         });
-        // The shim may be traced, even by its own program: then the tracer has to collect its end first.
+        // The shim may be traced, even by its own program. The tracer then has to collect its end first, so the
+        // leftovers are killed before that.
         if !gone {
             end_left(dir).await;
-            // Only a node that is leaving has no receiver.
+            // The receiver is gone only if the node is leaving.
             sink.send((ShimReport::Gone, Vec::new())).await.unwrap_or_default();
         }
         drop(sink);
@@ -360,11 +360,11 @@ impl ShimReports {
     }
 }
 
-/// Returns the last lines of a program's output, from the part of the file after the first `before` bytes.
+/// Returns the last lines of a program's output. The first `before` bytes of the file are not from this program.
 fn last_output(dir: &Path, before: u64) -> Vec<String> {
     let now = dir.join(OUTPUT_FILE);
     let length = std::fs::metadata(&now).map_or(0, |file| file.len());
-    // A file that is shorter than before is a new one: the previous file has been put aside.
+    // If the file is shorter than before, it is a new file: the previous one has been put aside.
     let rotated = length < before;
     let (mut output, cut) = end_of(&now, if rotated { 0 } else { before }).unwrap_or_default();
     if cut || !rotated {
@@ -375,7 +375,7 @@ fn last_output(dir: &Path, before: u64) -> Vec<String> {
     last_lines(&whole, cut)
 }
 
-/// Returns the end of a file, from `before` on, and whether something in between was left out.
+/// Returns the end of a file, at most from `before` on, and whether bytes after `before` were left out.
 fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     use std::io::{Seek, SeekFrom};
     let mut file = file::opened_itself(path)?;
@@ -386,7 +386,7 @@ fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     Ok((end, begin > before))
 }
 
-/// Returns the resources that a spec grants a program, in the shim's form.
+/// Converts the resources that a spec grants a program to the shim's form.
 pub fn limits(usage: &Usage) -> Limits {
     let realtime = usage.realtime.map(|one| Realtime { priority: one.priority, is_optional: one.is_optional });
     Limits {

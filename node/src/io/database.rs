@@ -1,13 +1,13 @@
-//! The thread of a node's database: it owns the replica and the store, and nothing else ever waits for the disk.
+//! The thread of a node's database. It owns the replica and the store, and it is the only thread that waits for the disk.
 //!
-//! A turn takes all waiting inputs, as `Groups` gathers them, writes the results in one batch, and then carries out the
-//! other effects. Inputs go into a bounded queue: when it is full, a caller is refused, and a message of another
-//! replica is dropped, since replicas ask again. Outgoing messages are carried by a task (`wire`) over the node's
+//! In each turn, the thread takes all waiting inputs, as `Groups` gathers them, and writes the results in one batch.
+//! Then it carries out the other effects. The queue for inputs is bounded. When it is full, callers are refused, and
+//! messages of other replicas are dropped, since replicas ask again. A task (`wire`) sends messages over the node's
 //! session.
 //!
-//! When the disk fails, unwritten changes are refused, the store is reopened, and the replica starts again from the
-//! disk: a repeated sync may succeed without having written anything. If the store cannot be opened either, the
-//! database answers reads and takes no writes; it tries again every few seconds.
+//! If the disk fails, unwritten changes are refused. The store is reopened, and the replica starts again from the disk:
+//! a repeated sync may succeed without having written anything. If the store cannot be opened either, the database
+//! answers reads and refuses writes. It tries to open the store again every few seconds.
 
 mod notary;
 mod presence;
@@ -42,13 +42,13 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use wire::Outgoing;
 
-/// How many events wait for the thread.
+/// The most events that wait for the thread.
 const ARRIVALS_MAX: usize = 4096;
-/// How many events are taken in one turn.
+/// The most events that are taken in one turn.
 const TURN_MAX: usize = 1024;
-/// The pause before a store that could not be opened is tried again.
+/// The pause before the next try to open a store.
 const REOPEN_AFTER: Duration = Duration::from_secs(5);
-/// How often the files of the store are looked for while nothing is written.
+/// How often the thread checks that the files of the store exist, while nothing is written.
 const CHECK_EVERY: Duration = Duration::from_secs(1);
 
 /// The options of a database.
@@ -58,24 +58,24 @@ pub struct Options {
     pub robot: String,
     /// Name of the team.
     pub team: String,
-    /// Folder for durable data; none for a database in memory.
+    /// The folder for durable data; nothing for a database in memory.
     pub folder: Option<PathBuf>,
-    /// Folder for temporary data: a copy of a store that can only be read.
+    /// The folder for temporary data, such as a copy of a store that can only be read.
     pub scratch: PathBuf,
-    /// The engine of a new one; nothing for the default.
+    /// The engine of a new database; nothing for the default.
     pub store: Option<Engine>,
     /// The proof that callers on this machine show.
     pub proof: String,
-    /// The node as a member of its team, if it is in one: it signs its transactions.
+    /// The node as a member of its team; it signs the transactions. Nothing if the node is in no team.
     pub member: Option<Arc<Member>>,
-    /// Whether it founds a new team at once, like the first of a command's own nodes.
+    /// Whether the database founds a new team at once. The first of a command's own nodes does this.
     pub founds: bool,
 }
 
-/// An event of the thread.
+/// An event for the thread.
 enum Arrival {
     Call(u64, Question, Option<Caller>),
-    /// From another machine.
+    /// A call from another machine.
     Elsewhere(u64, Question, Caller),
     Envelope(Envelope, Author),
     Asked(Box<Request>, Envelope, Author),
@@ -83,7 +83,7 @@ enum Arrival {
     Leave,
 }
 
-/// The way to a running database, which ends when the last handle is gone.
+/// Sends requests to a running database. The database ends when the last handle is dropped.
 #[derive(Clone, Debug)]
 pub struct Handle {
     arrivals: SyncSender<Arrival>,
@@ -97,7 +97,7 @@ pub struct DatabaseThread {
     handle: Handle,
     settings: watch::Receiver<Settings>,
     thread: std::thread::JoinHandle<()>,
-    /// The task that carries messages.
+    /// The task that sends and receives messages.
     wire: JoinSet<()>,
 }
 
@@ -108,16 +108,16 @@ struct Worker {
     place: Place,
     arrivals: Groups<Arrival>,
     outgoing: Sender<Outgoing>,
-    /// Where answers go, by number of the call.
+    /// The receivers of answers, by number of the call.
     sinks: BTreeMap<u64, Caller>,
     /// Questions of other replicas that are not answered yet.
     asked: BTreeMap<u64, Box<Request>>,
     asked_next: u64,
-    /// Calls without a receiver for their answers.
+    /// Calls whose answers have no receiver any more.
     gone: Vec<u64>,
     reopen_at: Time,
     check_at: Time,
-    /// The last reported reason why the store could not be opened.
+    /// The reason why the store could not be opened, as it was last reported.
     told: Option<String>,
     /// Publishes the settings under the robot's own keys.
     settings: watch::Sender<Settings>,
@@ -126,7 +126,7 @@ struct Worker {
 /// Opens the store and starts the database on it.
 ///
 /// # Errors
-/// The store cannot be read, is open already, or belongs to another robot.
+/// The store cannot be read, is already open, or belongs to another robot.
 pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<DatabaseThread> {
     let (place, replica, unwritable) = Place::open(options)?;
     let replica = notary::signed(replica, options.member.as_ref());
@@ -171,19 +171,19 @@ impl DatabaseThread {
         &self.handle
     }
 
-    /// Returns the settings under the robot's own keys, and every later change.
+    /// Returns the settings under the robot's own keys. The receiver also gets every later change.
     pub fn settings(&self) -> watch::Receiver<Settings> {
         self.settings.clone()
     }
 
-    /// Stops the database. Acknowledged changes are on the disk already.
+    /// Stops the database. Acknowledged changes are already on the disk.
     ///
     /// # Cancellation
-    /// The database is closed in any case.
+    /// The database is closed even then.
     pub async fn close(self) {
         let Self { handle, thread, mut wire, .. } = self;
         let joined = tokio::task::spawn_blocking(move || {
-            // The thread is emptying a full queue, so there is room soon. A thread that is gone needs no message.
+            // If the queue is full, the thread empties it, so there is room soon. If the thread is gone, it needs no message.
             drop(handle.arrivals.send(Arrival::Leave));
             thread.join().is_err()
         });
@@ -196,12 +196,12 @@ impl DatabaseThread {
 }
 
 impl Handle {
-    /// Asks something; the answers go to `caller`.
+    /// Asks a question. The answers go to `caller`.
     pub fn call(&self, call: u64, question: Question, caller: Option<Caller>) {
         self.ask(Arrival::Call(call, question, caller));
     }
 
-    /// Takes a request that is for the database; returns any other one.
+    /// Takes a request if it is for the database. Returns any other request.
     pub fn take(&self, call: u64, request: protocol::Request, caller: Caller) -> Option<(protocol::Request, Caller)> {
         if let protocol::Request::Database(question) = request {
             self.ask(Arrival::Elsewhere(call, question, caller));
@@ -233,12 +233,12 @@ impl Handle {
         self.call(0, Question::Commit(commit), None);
     }
 
-    /// A node has come, or come back.
+    /// Notes that another node has come or has returned.
     pub fn appeared(&self) {
         self.offer(Arrival::Appeared);
     }
 
-    /// Hands over an input that may be lost.
+    /// Adds an input that may be lost.
     fn offer(&self, arrival: Arrival) {
         if self.arrivals.try_send(arrival).is_err() {
             tracing::debug!("the database has too much to do; a message of another replica is dropped");
@@ -258,13 +258,13 @@ impl Worker {
         }
     }
 
-    /// Waits for the first input and returns all waiting ones; none once the last sender is gone.
+    /// Waits for the first input, and returns all waiting inputs. Returns nothing if the last sender is gone.
     fn wait(&mut self) -> Option<Vec<Arrival>> {
         let deadline = if self.machine.closed().is_some() { Some(self.reopen_at) } else { self.machine.deadline() };
         self.arrivals.next(deadline)
     }
 
-    /// Makes arrivals inputs, and keeps the channels they bring; nothing when the thread is to end.
+    /// Converts arrivals to inputs, and stores their receivers of answers. Returns nothing if the thread should end.
     fn inputs(&mut self, arrivals: Vec<Arrival>) -> Option<Vec<Input>> {
         let mut inputs: Vec<Input> = self.gone.drain(..).map(Input::Gone).collect();
         for arrival in arrivals {
@@ -295,7 +295,7 @@ impl Worker {
         Some(inputs)
     }
 
-    /// Writes the durable effects in one batch, and then carries out the others.
+    /// Writes the durable effects in one batch, and then carries out the other effects.
     fn carry_out(&mut self, effects: Vec<Effect>, durable: Durable) {
         let (mut batch, mut rest) = (Batch::default(), Vec::with_capacity(effects.len()));
         for effect in effects {
@@ -348,14 +348,14 @@ impl Worker {
         }
     }
 
-    /// The disk has failed: nothing of this turn has happened.
+    /// Handles a failure of the disk. Nothing of this turn counts.
     fn fail(&mut self, error: &anyhow::Error, durable: Durable, rest: Vec<Effect>) {
         self.reopen_at = clock::now();
         let effects = self.machine.fail(&words(error), durable, rest);
         effects.into_iter().for_each(|effect| self.do_one(effect));
     }
 
-    /// Checks, even while nothing is written, whether the store is still there.
+    /// Checks from time to time whether the store still exists, even if nothing is written.
     fn check_if_due(&mut self) {
         let now = clock::now();
         if self.machine.closed().is_some() || now < self.check_at {
@@ -401,7 +401,8 @@ impl Worker {
     }
 
     fn send(&self, outgoing: Outgoing) {
-        // Replicas ask again for lost messages; a lost address would never be found again, so an address waits.
+        // Other messages may be lost, since replicas ask for them again. Without its address, a replica could not be
+        // found, so an address waits for room.
         let sent = if matches!(outgoing, Outgoing::Address(_)) {
             self.outgoing.blocking_send(outgoing).is_ok()
         } else {
@@ -413,10 +414,10 @@ impl Worker {
     }
 }
 
-/// Returns why a store does not write, for a person.
+/// Explains to a person why a store does not write.
 fn words(error: &anyhow::Error) -> String {
     let text = format!("{error:#}");
-    // The engine prints the system's errors in its own form.
+    // The engine reports errors of the system in its own form.
     if text.contains("StorageFull") || text.contains("No space left") {
         return "the disk that it is on is full; it goes on by itself when there is room again".to_owned();
     }
@@ -426,7 +427,7 @@ fn words(error: &anyhow::Error) -> String {
     text
 }
 
-/// Returns the calendar time, and how far it is to be believed.
+/// Returns the calendar time, and how far the clock can be trusted.
 fn wall() -> Wall {
     let millis = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
     let quality = match clock::belief() {

@@ -1,9 +1,9 @@
-//! The file `estop` in the folder of a node's state: while it exists, everything is stopped. It has a line with the
-//! user who has stopped everything, and a line with the reason. An unreadable file counts: nothing begins before a user
-//! releases it.
+//! The file `estop` in the folder of a node's state. While it exists, everything is stopped. One line names the user
+//! who has stopped everything, and the next line has the reason. A file that cannot be read counts as well: nothing
+//! begins before a user releases the stop.
 //!
-//! The file `estop.spare` reserves the room for it, because a full disk takes a new name but no content. An emergency stop overwrites
-//! the spare file in its place and renames it to `estop`; a release renames it back.
+//! The file `estop.spare` reserves space on the disk: on a full disk, a file can get a new name but no content. An
+//! emergency stop overwrites the spare file and renames it to `estop`. A release renames it back.
 
 use crate::io::folder::sync_entry;
 use crate::logic::protocol::Estop;
@@ -15,12 +15,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The name of the file.
 const FILE: &str = "estop";
-/// The extension of the file that keeps the room for it.
+/// The extension of the spare file.
 const SPARE: &str = "spare";
-/// The size of the file, in bytes: the lines, and blanks.
+/// The size of the file in bytes: the lines, and blanks after them.
 const SIZE: usize = 4096;
 
-/// The file; none for a node that keeps nothing.
+/// The file; nothing for a node that stores nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct EstopFile(Option<Arc<Inner>>);
 
@@ -59,7 +59,7 @@ impl EstopFile {
 
     /// Writes the intended content. Blocks.
     ///
-    /// # Errors
+    /// The disk refuses. The text is for a person.
     /// The disk refuses; for a person.
     pub(crate) fn write(&self) -> Result<(), String> {
         let Some(inner) = &self.0 else { return Ok(()) };
@@ -78,9 +78,9 @@ impl EstopFile {
     }
 }
 
-/// Makes the file, to survive a power cut. Its existence counts: on a full disk without the spare file, its words may be missing.
+/// Makes the file durable. Only its existence matters: on a full disk without a spare file, it may be empty.
 fn mark(path: &Path, words: &str) -> io::Result<()> {
-    // A file with the same words is never removed, not even for a moment.
+    // If the file already has the same words, it is never removed, not even for a moment.
     if file::bytes(path, SIZE).is_ok_and(|there| there.starts_with(words.as_bytes())) {
         return File::open(path)?.sync_all().and_then(|()| sync_entry(path));
     }
@@ -97,7 +97,7 @@ fn mark(path: &Path, words: &str) -> io::Result<()> {
     sync_entry(path)
 }
 
-/// Takes the file away. Its room is kept for the next one.
+/// Removes the file. Keeps its disk space for the next emergency stop.
 fn unmark(path: &Path) -> io::Result<()> {
     file::check(path)?;
     removed(fs::rename(path, path.with_extension(SPARE)).and_then(|()| sync_entry(path)))?;
@@ -105,7 +105,7 @@ fn unmark(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes the spare file, unless the room is taken already. On a full disk there is none.
+/// Makes the spare file, unless one of the files already reserves the space. On a full disk, this fails.
 fn prepare(path: &Path) {
     let spare = path.with_extension(SPARE);
     let has_room = |file: &Path| file.metadata().is_ok_and(|found| found.is_file() && found.len() >= SIZE as u64);
@@ -118,7 +118,7 @@ fn prepare(path: &Path) {
     }
 }
 
-/// Writes the words into a file of full size, in its place.
+/// Overwrites the spare file with the words, without changing its size.
 fn fill(spare: &Path, words: &str) -> io::Result<()> {
     file::check(spare)?;
     let mut opened = OpenOptions::new().write(true).open(spare)?;
@@ -129,7 +129,7 @@ fn fill(spare: &Path, words: &str) -> io::Result<()> {
     opened.sync_all()
 }
 
-/// Returns the content of the file: the words, and blanks.
+/// Returns the content of the file: the words, followed by blanks.
 fn padded(words: &str) -> Vec<u8> {
     let mut bytes = words.as_bytes().to_vec();
     bytes.resize(SIZE.max(bytes.len()), b' ');

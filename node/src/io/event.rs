@@ -1,4 +1,4 @@
-//! The events of the driver, and the task that hears the programs of a deployment.
+//! The events of the driver, and the task that receives the notices of a deployment's programs.
 
 use crate::io::caller::Caller;
 use crate::io::peers::Arrival;
@@ -17,64 +17,64 @@ use tokio::task::JoinSet;
 /// Something that happened outside the agent.
 #[derive(Debug)]
 pub(crate) enum Event {
-    /// From another node, or a command line.
+    /// An arrival from another node or from a command line.
     Arrival(Arrival),
-    /// A report of a shim, with the end of the program's output.
+    /// A report of a shim, with the last lines of the program's output.
     Shim(ProcessId, ShimReport, Vec<String>),
-    /// The shim of a program that a killed node has left was reached, or is gone; its reports have come before.
+    /// The shim of a program of a killed node was reached, or is gone. Its reports have come before this event.
     Reached(ProcessId),
-    /// A program has connected; the program itself has named its instance path.
+    /// A program has connected. It has named the path of its instance itself.
     Program(Connection, ControlSender),
-    /// A program has connected that has lost its node.
+    /// A program has connected again after it had lost its node.
     Resumed {
         connection: Connection,
         sender: ControlSender,
         /// The version of the control protocol.
         version: u16,
-        /// How many orders it has taken, and how many notices it has made.
+        /// How many orders the program has taken, and how many notices it has made.
         counts: (u64, u64),
     },
     /// A notice of a program.
     Control(Connection, Notice),
-    /// The values that wires of a program have lost and its inputs have refused.
+    /// The values that wires of a program have lost, and that its inputs have refused.
     Losses(Connection, Counted),
     /// The messages that a program has dropped because the other ends of its wires have not sealed them.
     Refused(Connection, Vec<Refused>),
-    /// A user wants to call a procedure of a program, which asks under this number whether the user may.
+    /// A user wants to call a procedure of a program. The program asks, with this number, whether the user may.
     Judge(Connection, ControlSender, u64, UserCall),
-    /// The epoch of a deployment is in the journal, or why it is not.
+    /// The epoch of a deployment is in the journal, or the reason why it is not.
     Committed(Deployment, Result<(), String>),
-    /// The write of this number, which says whether everything is stopped, is on the disk; or why it is not.
+    /// The write with this number is on the disk, or the reason why it is not. It says whether everything is stopped.
     EstopKept(u64, Result<(), String>),
-    /// The record of a deployment was removed from the disk, or why it was not.
+    /// The record of a deployment was removed from the disk, or the reason why it was not.
     Unkept(Deployment, Result<(), String>),
-    /// A call that a user has signed, and that is written down.
+    /// A call that a user has signed. It is in the ledger.
     Admitted(u64, Request, Caller),
-    /// Whether an order of another node may be carried out, by its number.
+    /// Whether an order of another node may be carried out. The number identifies the order.
     Judged(u64, Result<(), String>),
-    /// The moment has come for which a thread of the driver waits.
+    /// The time that a thread of the driver was waiting for has come.
     Alarm,
-    /// The programs of a change that cannot be started here.
+    /// The programs of a change that cannot be started on this host.
     Found(Deployment, u32, Vec<String>),
 }
 
-/// The values that a program has counted since it began: see [`Notice::Losses`].
+/// Counts of a program since its start: see [`Notice::Losses`].
 #[derive(Debug)]
 pub(crate) struct Counted {
     pub(crate) wires: Vec<(u32, u64)>,
     pub(crate) refused: Vec<(String, u64)>,
 }
 
-/// A program's way to its node.
+/// The connection of a program to its node.
 #[derive(Clone, Debug)]
 pub(crate) struct Connection {
     pub(crate) deployment: Deployment,
     pub(crate) instance: String,
-    /// Unique among the connections of this node: a restarted program is not taken for the previous one.
+    /// A number that no other connection of this node has. So a restarted program is not confused with the previous one.
     pub(crate) number: u64,
 }
 
-/// Hears every program that connects to the socket of a deployment, until it is aborted.
+/// Accepts every program that connects to the socket of a deployment, until it is aborted.
 pub(crate) async fn hear_programs(
     listener: Listener,
     deployment: Deployment,
@@ -101,8 +101,8 @@ pub(crate) async fn hear_programs(
     }
 }
 
-/// Passes on the notices of a program, which begin with its identity, until it sends no more. Its database requests go
-/// to the database directly.
+/// Passes on the notices of a program until it sends no more. The first one identifies the program. Its database
+/// requests go directly to the database.
 async fn hear(
     events: Sender<Event>,
     database: ProgramDatabase,
@@ -118,7 +118,7 @@ async fn hear(
         requests.tell_ports();
     }
     requests.follow_secrets();
-    // If the driver does not listen any more, it is gone.
+    // If the driver does not listen any more, it has ended.
     if events.send(event).await.is_err() {
         return Ok(());
     }
@@ -157,7 +157,7 @@ async fn hear(
     Ok(())
 }
 
-/// Returns what the first notice of a program means. The notice comes back if the driver has to hear it as well.
+/// Returns the event for the first notice of a program. Also returns the notice itself if the driver needs it as well.
 fn greeted(
     hello: Notice,
     connection: &mut Connection,

@@ -1,5 +1,5 @@
-//! The errors for a folder that a person has named, and for a file that a node keeps in it, when they cannot be used. They name the
-//! option for another folder.
+//! The errors for a folder that a user has named, and for a node's file in such a folder, if it cannot be used. They
+//! name the option for another folder.
 
 use comms::io::file;
 use std::fs;
@@ -9,25 +9,25 @@ use std::path::{Path, PathBuf};
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// Something else is in the place of the folder, or of a folder above it.
+    /// Something else is in the place of the folder, or of one of its parents.
     #[error("{}; choose another with `{option}`", no_folder(.file))]
     File {
-        /// The kind of file at the path.
+        /// The path of the other file.
         file: PathBuf,
-        /// The option that names another.
+        /// The option that names another folder.
         option: &'static str,
     },
-    /// The system refuses.
+    /// The system refuses to make the folder.
     #[error("cannot make the folder `{path}`: {cause}; choose another with `{option}`")]
     Make {
         /// The path.
         path: PathBuf,
         /// The error of the system.
         cause: io::Error,
-        /// The option that names another.
+        /// The option that names another folder.
         option: &'static str,
     },
-    /// Something else has the name of a node's file, or the system refuses.
+    /// Something else has the name of a node's file, or the system refuses to open the file.
     #[error("cannot use the file `{path}`: {cause}; remove it, or choose another folder with `{option}`")]
     Kept {
         /// The path.
@@ -40,21 +40,21 @@ pub enum FolderError {
 }
 
 impl FolderError {
-    /// Returns why a file that a node keeps in a folder cannot be used.
+    /// Returns the error that a node's file in a folder cannot be used.
     pub fn kept(path: &Path, cause: io::Error, option: &'static str) -> Self {
         Self::Kept { path: path.to_owned(), cause, option }
     }
 }
 
-/// Checks that a library's file in a folder is a regular file, or absent.
+/// Checks that a library's file in a folder is a regular file, or does not exist.
 ///
 /// # Errors
-/// It is something else.
+/// The file is something else.
 pub fn check_kept(path: &Path, option: &'static str) -> Result<(), FolderError> {
     file::check(path).map_err(|cause| FolderError::kept(path, cause, option))
 }
 
-/// Syncs a folder's entry of a file to the disk: that the file was made, renamed or removed.
+/// Syncs the entry of a file in its folder to the disk, after the file was made, renamed or removed.
 ///
 /// # Errors
 /// The system refuses.
@@ -62,20 +62,20 @@ pub(crate) fn sync_entry(file: &Path) -> io::Result<()> {
     file.parent().map_or(Ok(()), |folder| fs::File::open(folder)?.sync_all())
 }
 
-/// The folder in which this process was started: programs run there, and in no other.
+/// The folder in which this process was started. Programs run there if they name no other folder.
 #[derive(Clone, Debug)]
 pub(crate) struct StartFolder(PathBuf);
 
 impl StartFolder {
-    /// Returns the present folder of this process, or the root if it has none any more.
+    /// Returns the present folder of this process, or the root if that folder does not exist any more.
     pub(crate) fn here() -> Self {
         Self(std::env::current_dir().unwrap_or_else(|_gone| PathBuf::from("/")))
     }
 
-    /// Returns the folder of a program that names one, or this one.
+    /// Returns the folder that a program names, or else this folder.
     ///
     /// # Errors
-    /// This one was removed: for a person.
+    /// This folder was removed. The text is for a person.
     pub(crate) fn of(&self, directory: Option<&str>) -> Result<PathBuf, String> {
         match directory.map(Path::new) {
             Some(directory) if directory.is_absolute() => Ok(directory.to_owned()),
@@ -84,12 +84,12 @@ impl StartFolder {
         }
     }
 
-    /// Returns its path. The path changes when the folder, or one above it, is moved.
+    /// Returns the path of the folder. It changes when the folder or one of its parents is moved.
     ///
     /// # Errors
-    /// It was removed, perhaps with another one in its place: for a person.
+    /// The folder was removed, perhaps with another one in its place. The text is for a person.
     pub(crate) fn path(&self) -> Result<PathBuf, String> {
-        // Outside of the mounted tree the kernel has no whole path.
+        // If the folder is outside of the mounted tree, the kernel has no complete path for it.
         let present = std::env::current_dir().ok().filter(|path| path.is_absolute());
         present.ok_or_else(|| {
             format!(
@@ -103,7 +103,7 @@ impl StartFolder {
 /// Checks that a program can run in a folder. Blocks.
 ///
 /// # Errors
-/// It is not there, or not a folder: for a person.
+/// The path does not exist, or is not a folder. The text is for a person.
 pub(crate) fn check_directory(folder: &Path) -> Result<(), String> {
     match fs::metadata(folder) {
         Ok(found) if found.is_dir() => Ok(()),
@@ -112,15 +112,15 @@ pub(crate) fn check_directory(folder: &Path) -> Result<(), String> {
     }
 }
 
-/// Returns the text that a file is in the place of a folder.
+/// Returns the message that something else is in the place of a folder.
 pub fn no_folder(file: &Path) -> String {
     format!("`{}` is a file, where a folder is expected", file.display())
 }
 
-/// Checks that nothing else is in the place of a present or future folder.
+/// Checks that nothing else is in the place of a folder, which need not exist yet.
 ///
 /// # Errors
-/// Something else is there.
+/// Something else is in its place.
 pub fn check(path: &Path, option: &'static str) -> Result<(), FolderError> {
     let is_other = |part: &&Path| fs::metadata(part).is_ok_and(|found| !found.is_dir());
     match path.ancestors().find(is_other) {
@@ -129,7 +129,7 @@ pub fn check(path: &Path, option: &'static str) -> Result<(), FolderError> {
     }
 }
 
-/// Returns why a folder was not made.
+/// Returns the error that a folder could not be made.
 pub fn refused(path: &Path, cause: io::Error, option: &'static str) -> FolderError {
     check(path, option).err().unwrap_or_else(|| FolderError::Make { path: path.to_owned(), cause, option })
 }

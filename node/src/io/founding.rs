@@ -1,4 +1,4 @@
-//! The first node of a team founds the team's database: it learned from the joining ceremony that it is the first.
+//! The first node of a team founds the team's database. When it joined, it learned that it is the first.
 
 use crate::io::caller;
 use crate::io::database::Handle;
@@ -9,15 +9,15 @@ use std::sync::Arc;
 use std::time::Duration;
 use team::member::Member;
 
-/// The number of its calls, which no command line and no program has.
+/// The number of its calls. No command line and no program uses this number.
 const CALL: u64 = (1 << 63) - 1;
-/// The pause before the next try, if the disk takes nothing or a member of another database is heard.
+/// The pause before the next try, if the disk refuses or a member of another database is present.
 const AGAIN_AFTER: Duration = Duration::from_secs(10);
 
-/// Founds the database, if this node has the mark for that, and removes the mark once the database exists.
+/// If this node is marked to found the database, founds it. Removes the mark when the database exists.
 ///
 /// # Cancellation
-/// Safe: the founding starts again with the next start of the node.
+/// Safe: the next start of the node begins the founding again.
 pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
     let Some(member) = member.filter(|member| member.founds()) else { return };
     let mut told = None;

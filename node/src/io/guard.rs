@@ -1,4 +1,4 @@
-//! The gate of a node in a team, with its clock, its ledger on the disk and its audit log.
+//! The gate of a node in a team, with its clock, its ledger on the disk, and its audit log.
 //!
 //! `STATE/r1/team/accepted` is the ledger. An accepted request is on the disk before it is carried out.
 
@@ -16,7 +16,7 @@ use trust::audit::Decision;
 /// The name of the file.
 const FILE: &str = "accepted";
 
-/// The gate of a node, and the state that it needs to decide.
+/// The gate of a node, and the state on which its decisions depend.
 #[derive(Clone, Debug)]
 pub(crate) struct Guard(Arc<Inner>);
 
@@ -24,15 +24,15 @@ pub(crate) struct Guard(Arc<Inner>);
 struct Inner {
     member: Arc<Member>,
     gate: Mutex<Gate>,
-    /// Held while the file is written, so that an earlier state never overwrites a later one.
+    /// Held while the file is written, so that an older state never overwrites a newer one.
     ledger: Mutex<LedgerFile>,
 }
 
 impl Guard {
-    /// Opens the gate of a member with the requests it has accepted before.
+    /// Opens the gate of a member, with the requests that it has accepted before.
     ///
     /// # Errors
-    /// The ledger cannot be read, or is missing although the node has accepted requests: which requests were accepted before is unknown.
+    /// The ledger cannot be read. Or it is missing although the node has accepted requests, so it is not known which.
     pub(crate) fn open(member: &Arc<Member>) -> anyhow::Result<Self> {
         let path = member.folder().join(FILE);
         let is_missed = || path.is_symlink() || audit::mentions(member.folder(), member.id(), "accepted\t");
@@ -48,19 +48,19 @@ impl Guard {
         Ok(Self(Arc::new(Inner { member: Arc::clone(member), gate, ledger: Mutex::new(file) })))
     }
 
-    /// Decides about a call; `epoch_of` returns the epoch of a deployment that runs here.
+    /// Decides about a call. `epoch_of` returns the epoch of a deployment that runs here.
     ///
     /// # Errors
-    /// The call is refused; the reason is for a person, and is in the audit log.
+    /// The call is refused. The reason is for a person, and is also in the audit log.
     pub(crate) fn call(&self, request: Request, epoch_of: impl Fn(&str) -> u64) -> Result<Passed, String> {
         let passed = self.0.member.with_judge(|judge| self.gate().call(request, judge, epoch_of));
         passed.map_err(|refused| self.refused(refused))
     }
 
-    /// Decides about a user's call of a program of this node.
+    /// Decides whether a user may call a program of this node.
     ///
     /// # Errors
-    /// As of [`Guard::call`].
+    /// The same as for [`Guard::call`].
     pub(crate) fn procedure(&self, asked: CallRequest, signed: &Signed) -> Result<Attempt, String> {
         let passed = self.0.member.with_judge(|judge| self.gate().procedure(asked, signed, judge));
         passed.map_err(|refused| self.refused(refused))
@@ -69,16 +69,16 @@ impl Guard {
     /// Decides about an order of another node.
     ///
     /// # Errors
-    /// As of [`Guard::call`].
+    /// The same as for [`Guard::call`].
     pub(crate) fn order(&self, deployment: &Deployment, from: &str, order: &ToParticipant) -> Result<Attempt, String> {
         let passed = self.0.member.with_judge(|judge| self.gate().order(deployment, from, order, judge));
         passed.map_err(|refused| self.refused(refused))
     }
 
-    /// Decides whether a deployment of this home may begin again after a reboot; writes this to the audit log.
+    /// Decides whether a deployment of this home may begin again after a reboot. Writes the decision to the audit log.
     ///
     /// # Errors
-    /// As of [`Guard::call`].
+    /// The same as for [`Guard::call`].
     pub(crate) fn resumed(&self, deployment: &Deployment, signed: Option<&Signed>) -> Result<(), String> {
         let passed = self.0.member.with_judge(|judge| self.gate().resumed(deployment, signed, judge));
         passed.map(|attempt| self.note(&attempt)).map_err(|refused| self.refused(refused))
@@ -87,7 +87,7 @@ impl Guard {
     /// Writes an accepted request to the ledger. Blocks.
     ///
     /// # Errors
-    /// The disk refuses; the reason is for a person, and is in the audit log.
+    /// The disk refuses. The reason is for a person, and is also in the audit log.
     pub(crate) fn keep(&self, attempt: &Attempt) -> Result<(), String> {
         let mut ledger = self.0.ledger.lock().unwrap_or_else(PoisonError::into_inner);
         let written = ledger.keep(&self.0.gate);
@@ -110,7 +110,7 @@ impl Guard {
         self.record(attempt, Decision::Done, "");
     }
 
-    /// Writes the outcome of an accepted request to the audit log; none if no answer had it.
+    /// Writes the outcome of an accepted request to the audit log; nothing if no answer contained the outcome.
     pub(crate) fn ended(&self, attempt: &Attempt, outcome: Option<&Outcome>) {
         match outcome {
             Some(Ok(())) => self.record(attempt, Decision::Done, ""),
@@ -120,7 +120,7 @@ impl Guard {
     }
 
     fn gate(&self) -> MutexGuard<'_, Gate> {
-        // A gate changes only once everything was checked.
+        // The gate changes only after everything was checked, so a panic leaves it valid.
         self.0.gate.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -1,6 +1,6 @@
-//! Members sign the positions of each other's audit logs. A node tells all others of its team the position of its own
-//! log. Each of them signs the position, keeps it, and returns it. `team::member::heads` defines the signed bytes, and
-//! the conditions.
+//! Members of a team sign the positions of each other's audit logs. A node sends the position of its own log to all
+//! others. Each of them signs the position, stores it, and returns it. `team::member::heads` defines the signed bytes
+//! and the conditions.
 //!
 //! ```text
 //! r1 ──AuditHead, signed by r1──▶ r2: compares it with what it has signed before, signs it, keeps it
@@ -28,13 +28,13 @@ use trust::audit::{Decision, Head, Position};
 use trust::heads::HeadError;
 use trust::name::Name;
 
-/// How long after a record its position is published, unless the last one was published less than [`TELL_EVERY`] ago.
+/// How long after a record the position is published, unless one was published less than [`TELL_EVERY`] ago.
 const TELL_AFTER: Duration = Duration::from_secs(1);
 /// How often the position of a growing log is published.
 const TELL_EVERY: Duration = Duration::from_secs(60);
-/// How many messages of others wait; they are repeated.
+/// The most messages of others that wait. Others repeat their messages.
 const HEADS_MAX: usize = 64;
-/// For how many nodes an error in their logs is remembered.
+/// The most nodes for which an error in their logs is remembered.
 const WRONG_MAX: usize = 1024;
 
 /// The state of this task.
@@ -43,12 +43,12 @@ struct Countersigning {
     session: Arc<Session>,
     authors: Authors,
     host: String,
-    /// The error in a node's log, so that it is written down once.
+    /// The last error in each node's log, so that it is logged only once.
     wrong: BTreeMap<String, String>,
 }
 
-/// Begins to publish the position of this node's log, when it has grown or `appeared` reports a new node, and to sign
-/// for others.
+/// Begins to publish the position of this node's log, and to sign the positions of others. The position is published
+/// when the log has grown, and when `appeared` reports a new node.
 ///
 /// # Errors
 /// The session is closed.
@@ -91,7 +91,7 @@ impl Countersigning {
                     let soon = clock::now() + TELL_AFTER;
                     due = due.or(Some(told_at.map_or(soon, |at| soon.max(at + TELL_EVERY))));
                 }
-                // A missed message also means that a node has come.
+                // If some reports were missed, a node has come as well.
                 Ok(()) | Err(Lagged(_)) = appeared.recv() => due = Some(clock::now() + TELL_AFTER),
                 () = super::driver::until(due) => {
                     (due, told_at) = (None, Some(clock::now()));
@@ -114,7 +114,7 @@ impl Countersigning {
         }
     }
 
-    /// Signs the position of another node's log, unless this node has signed a contradicting position, which is then recorded.
+    /// Signs the position of another node's log. If this node has signed a position that contradicts it, records this instead.
     async fn countersign(&mut self, from: String, head: Vec<u8>) {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let signed = blocking(move || {
@@ -126,7 +126,7 @@ impl Countersigning {
                 self.wrong.remove(&from);
                 self.put(&key::countersigned(&from), head.to_bytes());
             }
-            // Any node on the way may have repeated the message.
+            // Any node on the way may have sent the message again.
             Err(error) if error.downcast_ref() == Some(&HeadError::Old) => {
                 tracing::debug!(host = from, "a head of an audit log has come again");
             }
@@ -160,7 +160,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> anyhow::Result<T> + 
     tokio::task::spawn_blocking(work).await?
 }
 
-/// Waits until the log has grown; for ever if there is none.
+/// Waits until the log has grown. Waits for ever without a log.
 ///
 /// # Cancellation
 /// Safe.

@@ -1,7 +1,7 @@
-//! The log of an agent's inputs, from which a node that was killed makes its agent again.
+//! The log of an agent's inputs. If a node is killed, the next node reconstructs the agent from this log.
 //!
-//! The agent is a pure state machine, so its inputs determine its whole state. The file begins with a checkpoint (the agent as it
-//! was then) and goes on with a record for each input since:
+//! The agent is a pure state machine, so its inputs determine its whole state. The file begins with a checkpoint, which
+//! is a copy of the agent. A record for each later input follows:
 //!
 //! ```text
 //! record      length (4 bytes) crc32 (4 bytes) payload, in postcard
@@ -9,9 +9,9 @@
 //! 2nd record  NodeState: the checkpoint
 //! then        (time, input), each written before the agent has it
 //! ```
-//! A torn record at the end is ignored: its input had no effects. The file is not synced, because its content is void
-//! after a reboot: a log of another boot of the kernel does not count. When the file has grown, a checkpoint replaces
-//! it. A file exists only while something could be adopted.
+//! An incomplete record at the end is ignored: its input had no effects. The file is not synced, because its content is
+//! of no use after a reboot: the log of another boot does not count. When the file has grown, a new checkpoint replaces
+//! it. The file exists only while there is something that a next node could adopt.
 
 use crate::logic::agent::Input;
 use crate::logic::node_state::NodeState;
@@ -25,14 +25,14 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The form of the log. It goes up with every change of the types of the agent and its inputs: another form is not
-/// read.
+/// The form of the log. It is raised with every change of the types of the agent and its inputs: a log of another form is not read.
 const FORM: u32 = 1;
-/// The size from which on a checkpoint replaces the log, in bytes; or twice the size that the log had after its last checkpoint.
+/// When the log has at least this size in bytes, a checkpoint replaces it. The limit may also be twice the size after
+/// the last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
 /// The longest log that is read, in bytes.
 const READ_MAX: usize = 1 << 30;
-/// The pause after a refusal of the disk; the first input after that tries again.
+/// The pause after a failed write. The first input after the pause tries again.
 const TRY_AGAIN_AFTER: Duration = Duration::from_secs(10);
 /// The name of the file, in the folder of the node.
 const FILE: &str = "inputs";
@@ -51,29 +51,29 @@ struct Head {
 pub struct InputLog {
     path: PathBuf,
     head: Head,
-    /// None while there is nothing to take over, and after the disk has refused.
+    /// Nothing while a next node could adopt nothing, and after a failed write.
     file: Option<File>,
     size: u64,
-    /// The size at which it is rewritten.
+    /// The size at which the log is rewritten.
     limit: u64,
-    /// The time of the disk's last refusal, unless it has accepted a write since.
+    /// When the disk last refused, if it has accepted no write since.
     refused: Option<Time>,
-    /// Whether no successor adopts its programs.
+    /// Whether the log is never written, because no successor adopts the programs of this node.
     is_off: bool,
 }
 
 impl InputLog {
-    /// Returns a log in the folder of a node, without a file; it never gets one if no successor adopts its programs.
-    /// `machine` names the boot of the kernel and the network.
+    /// Returns a log in the folder of a node. It has no file yet, and never gets one if no successor adopts the node's
+    /// programs. `machine` names the boot of the kernel and the network.
     pub fn new(folder: &Path, machine: &str, is_wanted: bool) -> Self {
         let head = Head { form: FORM, version: env!("CARGO_PKG_VERSION").to_owned(), machine: machine.to_owned() };
         Self { path: folder.join(FILE), head, file: None, size: 0, limit: SIZE_MAX, refused: None, is_off: !is_wanted }
     }
 
-    /// Makes the agent of a killed node again, as it was after its last input; nothing if there is none to take over.
+    /// Reconstructs the agent of a killed node, with all of its inputs. Returns nothing without such an agent.
     ///
     /// # Errors
-    /// The log cannot be read, or is of another form: for a person.
+    /// The log cannot be read or has another form. The text is for a person.
     pub fn replay(&self) -> anyhow::Result<Option<NodeState>> {
         let bytes = match file::bytes(&self.path, READ_MAX) {
             Ok(bytes) => bytes,
@@ -104,7 +104,7 @@ impl InputLog {
         Ok(Some(state))
     }
 
-    /// Writes an input down, before the agent has it.
+    /// Writes an input to the log, before the agent gets the input.
     pub fn append(&mut self, at: Time, input: &Input) {
         let Some(file) = &mut self.file else { return };
         let written = record(&(at, input)).and_then(|record| {
@@ -117,7 +117,7 @@ impl InputLog {
         }
     }
 
-    /// Begins, rewrites or removes the log, depending on the agent: to be called after its effects are carried out.
+    /// Begins, rewrites or removes the log, depending on the agent. Has to be called after the agent's effects are carried out.
     pub fn keep_up(&mut self, state: &NodeState) {
         let is_wanted = state.is_engaged();
         match &self.file {
@@ -130,7 +130,7 @@ impl InputLog {
         }
     }
 
-    /// Replaces the log by one that begins with the present state.
+    /// Replaces the log by a new log that begins with the present state.
     pub fn begin(&mut self, state: &NodeState) {
         match self.try_begin(state) {
             Ok((file, size)) => {
@@ -155,13 +155,13 @@ impl InputLog {
         Ok((file, (head.len() + state.len()) as u64))
     }
 
-    /// Goes on without a log: a log with a gap would give another agent. It is written again when the disk takes one.
+    /// Continues without a log: a log with a gap would give another agent. The log begins again when the disk accepts it.
     fn refuse(&mut self, error: &io::Error, at: Time) {
         if self.refused.replace(at).is_none() {
             let log = self.path.display();
             tracing::error!(%log, %error, "the inputs cannot be written down: if this node is killed, its programs end");
         }
-        // The partial file takes room.
+        // The incomplete file would only take space.
         drop(fs::remove_file(self.unfinished()));
         self.remove();
     }
@@ -170,7 +170,7 @@ impl InputLog {
         self.path.with_extension("new")
     }
 
-    /// Removes the file: there is nothing to take over.
+    /// Removes the file, because there is nothing to adopt.
     pub fn remove(&mut self) {
         self.file = None;
         if let Err(error) = fs::remove_file(&self.path)
@@ -181,13 +181,13 @@ impl InputLog {
     }
 }
 
-/// The whole records at the beginning of a file.
+/// The complete records at the beginning of a file.
 struct Records<'a> {
     left: &'a [u8],
 }
 
 impl Records<'_> {
-    /// Returns the next record, or why it cannot be read; none behind the last whole one.
+    /// Returns the next record, or why it cannot be read. Returns nothing after the last complete record.
     fn next<T: DeserializeOwned>(&mut self) -> Option<Result<T, postcard::Error>> {
         let (length, rest) = self.left.split_first_chunk()?;
         let (sum, rest) = rest.split_first_chunk()?;
@@ -239,7 +239,7 @@ mod tests {
         Time::ZERO + Duration::from_millis(number)
     }
 
-    /// A file that is cut off anywhere holds the state after its last whole record. Damage before that is reported.
+    /// A file that is cut at any place gives the state after its last complete record. Earlier damage is reported.
     #[test]
     fn a_log_that_was_cut_off_ends_with_its_last_whole_record() {
         let folder = std::env::temp_dir().join(format!("dca-inputs-{}", std::process::id()));
@@ -272,7 +272,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A log with a gap is useless, so there is none while the disk is full. Then it begins with the present state.
+    /// A log with a gap is useless, so there is none while the disk is full. Later, the log begins with the present state.
     #[test]
     fn after_a_full_disk_the_log_begins_again() {
         let text = "module A(host) { exec \"true\"; plain; done; }
@@ -289,7 +289,7 @@ mod tests {
         assert_eq!(there(&log), Some(at(1)));
         log.file = Some(OpenOptions::new().write(true).open("/dev/full").unwrap());
         log.append(at(2), &Input::Tick);
-        // Nothing can be made there: the disk is still full.
+        // No file of this name can be made, as on a full disk.
         fs::create_dir(log.unfinished()).unwrap();
         for (millis, is_full, expected) in
             [(2, true, None), (10_002, true, None), (20_001, false, None), (20_002, false, Some(at(20_002)))]

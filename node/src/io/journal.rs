@@ -1,15 +1,15 @@
-//! The journal: the epochs that this node has given out. Each is durable before the first process of its deployment runs.
+//! The journal contains the epochs that this node has assigned. Each is durable before the first process of its deployment runs.
 //!
-//! One line each: `EPOCH NAME`, then `hosts EPOCH HOST …`, and `over EPOCH` once every host has confirmed its end. When
-//! a node starts, it asks for the deployments that are not over. Behind a tab each line has its checksum. A torn last
-//! line (power cut) is ignored, but its number is not given again, because it may also have been damaged later. A file
-//! with any other damage is put aside (`journal.aside-1`), and a new one begins with an epoch that no journal has
-//! reached: the seconds since 1970, if they are more than the greatest readable epoch. Writing blocks for as long as
-//! the disk takes, so the driver does it beside its loop, while programs start.
+//! A deployment has the line `EPOCH NAME`, then `hosts EPOCH HOST …`, and `over EPOCH` once every host has confirmed
+//! its end. When a node starts, it asks for the deployments that are not over. A tab and a checksum follow on each
+//! line. An incomplete last line (power cut) is ignored. But its epoch is not assigned again, because the line may also
+//! have been damaged later. A file with any other damage is put aside (`journal.aside-1`). The new file begins with an
+//! epoch that no journal has reached: the seconds since 1970, or the greatest readable epoch if this is greater.
+//! Writing blocks as long as the disk takes. So the driver writes beside its loop, while programs start.
 //!
-//! After a failure it is unknown which part of the file is on the disk: a sync that has failed once may succeed the
-//! next time without having written anything. So the next commit writes a new file and puts it in the place of the old
-//! one. It does the same when the file has been removed or replaced, because writes to a file without a name are lost.
+//! After a failed write, it is not known which part of the file is on the disk: a repeated sync may succeed without
+//! having written anything. So the next commit writes a new file and replaces the old one. It does the same if the file
+//! has been removed or replaced, because writes to a file without a name are lost.
 
 use crate::io::folder::sync_entry;
 use crate::logic::absence::ENDS_MAX;
@@ -24,24 +24,24 @@ use std::sync::{Mutex, PoisonError};
 
 /// The longest journal that is read, in bytes.
 const SIZE_MAX: usize = 256 << 20;
-/// How many deployments that are not over it carries on.
+/// The most deployments that are not over and that are kept in the journal.
 const OPEN_MAX: usize = 4 * ENDS_MAX;
 
-/// The journal. Its file is opened for writing with the first epoch: a node with a read-only disk runs without the file.
+/// The journal. Its file is opened for writing with the first epoch. So a node can run on a read-only disk without the file.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
-    /// None until the first commit, and after a failed one.
+    /// Nothing until the first commit, and after a failed one.
     file: Option<File>,
     epoch: u64,
     /// The deployments that are not over, with their hosts.
     open: BTreeMap<u64, (Deployment, Vec<String>)>,
-    /// Epochs that are over, and not written down yet.
+    /// Epochs that are over, but whose beginning is not written yet.
     early: BTreeSet<u64>,
 }
 
 impl Journal {
-    /// Reads a journal, which need not exist. A damaged one is put aside and reported.
+    /// Reads a journal, which need not exist. A damaged journal is put aside and reported.
     ///
     /// # Errors
     /// The file exists and cannot be read.
@@ -63,7 +63,7 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Puts a damaged file aside, and begins a new one at once: a node that is restarted must find one.
+    /// Puts a damaged file aside. Begins a new file at once, so that a restarted node finds one.
     fn put_aside(&mut self, damage: &str) {
         let mut asides = (1..).map(|number| self.path.with_extension(format!("aside-{number}")));
         let aside = asides.find(|aside| std::fs::symlink_metadata(aside).is_err()).unwrap_or_default();
@@ -83,20 +83,20 @@ impl Journal {
         }
     }
 
-    /// Returns the deployments that are not over, with their hosts: of many the latest.
+    /// Returns the latest deployments that are not over, with their hosts.
     pub fn open_ends(&self) -> Vec<(Deployment, Vec<String>)> {
         self.open.values().rev().take(ENDS_MAX).cloned().collect()
     }
 
-    /// Returns the highest epoch in it.
+    /// Returns the highest epoch in the journal.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// Writes an epoch; it is on the disk when this returns.
+    /// Writes an epoch. It is on the disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses: then the line may or may not be there after a power cut. The next commit writes a new file.
+    /// The disk refuses. After a power cut, the line may or may not be there. The next commit writes a new file.
     pub fn commit(&mut self, deployment: &Deployment, hosts: &[String]) -> io::Result<()> {
         let hosts = if self.early.remove(&deployment.epoch) { &[] } else { hosts };
         self.append(&begun(deployment, hosts))?;
@@ -113,10 +113,10 @@ impl Journal {
     /// Writes that every host has confirmed the end of a deployment.
     ///
     /// # Errors
-    /// The disk refuses: then the hosts are asked once more when the node is started again.
+    /// The disk refuses. Then the hosts are asked once more after the next start of the node.
     pub fn settle(&mut self, epoch: u64) -> io::Result<()> {
         if epoch > self.epoch {
-            // The deployment is over before its beginning is on the disk.
+            // The deployment ended before its beginning was written.
             self.early.insert(epoch);
             return Ok(());
         }
@@ -134,7 +134,7 @@ impl Journal {
         Ok(())
     }
 
-    /// Makes a new file with the highest epoch in it, durable and in the place of the old one.
+    /// Writes a new durable file with the highest epoch, and replaces the old file by it.
     fn renew(&self) -> io::Result<File> {
         let unfinished = self.path.with_extension("new");
         let mut file = file::created(&unfinished, Privacy::Own)?;
@@ -149,16 +149,16 @@ impl Journal {
     }
 }
 
-/// Writes an epoch into a shared journal. Blocks for as long as the disk takes.
+/// Writes an epoch to a shared journal. Blocks for as long as the disk takes.
 ///
 /// # Errors
-/// The disk refuses; the words are for a person.
+/// The disk refuses. The text is for a person.
 pub fn commit(journal: &Mutex<Journal>, deployment: &Deployment, hosts: &[String]) -> Result<(), String> {
     let mut journal = journal.lock().unwrap_or_else(PoisonError::into_inner);
     journal.commit(deployment, hosts).map_err(|error| error.to_string())
 }
 
-/// Writes the end of a deployment into a shared journal. Blocks for as long as the disk takes.
+/// Writes the end of a deployment to a shared journal. Blocks for as long as the disk takes.
 pub fn settle(journal: &Mutex<Journal>, deployment: &Deployment) {
     if let Err(error) = journal.lock().unwrap_or_else(PoisonError::into_inner).settle(deployment.epoch) {
         tracing::warn!(%deployment, %error, "its end cannot be written down: its hosts are asked again at the next start");
@@ -179,7 +179,7 @@ fn line(body: &str) -> String {
     format!("{body}\t{:08x}\n", crc32fast::hash(body.as_bytes()))
 }
 
-/// Returns a line without its checksum; `None` if it is not as it was written.
+/// Returns a line without its checksum; `None` if the line has been changed.
 fn body(line: &str) -> Option<&str> {
     let (body, sum) = line.split_once('\t')?;
     if u32::from_str_radix(sum, 16) != Ok(crc32fast::hash(body.as_bytes())) {
@@ -196,7 +196,7 @@ fn body(line: &str) -> Option<&str> {
 /// The readable content of a journal.
 #[derive(Debug, Default)]
 struct Found {
-    /// The highest epoch in it.
+    /// The highest epoch in the journal.
     epoch: u64,
     open: BTreeMap<u64, (Deployment, Vec<String>)>,
     damage: Option<String>,
@@ -216,7 +216,7 @@ impl Found {
     }
 }
 
-/// Returns the deployments of a journal that are not over. One without hosts asks nothing of them.
+/// Returns the deployments of a journal that are not over. If one has no hosts, no host is asked about it.
 fn open(lines: &[&str]) -> BTreeMap<u64, (Deployment, Vec<String>)> {
     let (mut names, mut open) = (BTreeMap::new(), BTreeMap::new());
     for (word, rest) in lines.iter().filter_map(|line| line.split_once(' ')) {
@@ -243,7 +243,7 @@ mod tests {
         Deployment { name: "ok".to_owned(), epoch }
     }
 
-    /// Returns the lines of a journal, without their checksums.
+    /// Returns the lines of a journal without their checksums.
     fn lines(path: &Path) -> Vec<String> {
         let text = std::fs::read_to_string(path).unwrap();
         text.lines().map(|line| body(line).unwrap().to_owned()).collect()
@@ -259,7 +259,7 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         let aside = |number: u32| folder.join(format!("journal.aside-{number}"));
         let mut asides = 0;
-        // Each byte in turn is changed; shortened step by step, the file is finally empty.
+        // Each byte is changed in turn. Then the file is shortened step by step, until it is empty.
         for at in 0..=whole.len() {
             let mut bytes = whole.clone();
             match bytes.get_mut(at) {
@@ -280,7 +280,7 @@ mod tests {
                 assert!(!aside(asides + 1).exists(), "the new one is whole");
             }
         }
-        // The last line end alone may be a power cut's.
+        // Only if the last line end is missing, it may be due to a power cut.
         assert_eq!(asides as usize, whole.len());
         rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap_err();
         std::fs::remove_file(&path).unwrap();
@@ -307,7 +307,7 @@ mod tests {
         assert!(journal.commit(&deployment(4), &[]).is_err(), "its folder is gone: nothing can be written down");
     }
 
-    /// A folder in the place of the new file acts as a disk that refuses.
+    /// A folder in the place of the new file makes each write fail, like a disk that refuses.
     #[test]
     fn what_could_not_be_written_is_not_there_and_later_epochs_are() {
         let folder = std::env::temp_dir().join(format!("dca-journal-{}", std::process::id()));
@@ -344,7 +344,7 @@ mod tests {
         journal.settle(2).unwrap();
         let expected = [(named, hosts(&["c1", "c3"])), (deployment(1), hosts(&["c1", "c2"]))];
         assert_eq!(Journal::open(&path).unwrap().open_ends(), expected);
-        // The first line of a new run makes a new file, which also has these deployments.
+        // The first line of a new run makes a new file, which also contains these deployments.
         let mut journal = Journal::open(&path).unwrap();
         journal.settle(1).unwrap();
         journal.settle(9).unwrap();

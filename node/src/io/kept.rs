@@ -1,9 +1,10 @@
-//! The state that survives a reboot, of deployments that have their home here: the folder `running` of a node's state,
-//! with a file for each; and the file `stopped` beside it, with the tombstones for homes that are away.
+//! The state that has to survive a reboot, for deployments with their home on this node. The folder `running` in the
+//! node's state has a file for each deployment. The file `stopped` beside it has the tombstones for homes that could
+//! not be reached.
 //!
-//! A file of a deployment begins with the boot of the machine, by which the next node detects a reboot. It exists from
-//! before its first program runs until it is to end. A damaged file is reported and removed: its deployment is not
-//! resumed.
+//! The file of a deployment begins with the boot of the machine, so the next node can detect a reboot. The file exists
+//! from before the first program runs until the deployment has to end. A damaged file is reported and removed, and its
+//! deployment is not resumed.
 
 use crate::io::folder::sync_entry;
 use crate::logic::protocol::{Before, Deployment, Earlier, Kept, Tombstone};
@@ -25,13 +26,13 @@ use std::time::Duration;
 const RUNNING: &str = "running";
 /// The file with the tombstones.
 const STOPPED: &str = "stopped";
-/// How a file begins; its checksum follows, in 8 hexadecimal digits.
+/// The beginning of a file. A checksum in 8 hexadecimal digits follows.
 const BEGIN: &[u8] = b"dca kept 1 ";
-/// The longest file, in bytes: a plan of 10,000 processes and the request for it have less.
+/// The largest file, in bytes. A plan of 10,000 processes with the request for it is smaller.
 const SIZE_MAX: usize = 64 << 20;
-/// How many deployments are read: as many as a node takes part in.
+/// The most deployments that are read: as many as a node takes part in.
 const RUNNING_MAX: usize = 64;
-/// How long a tombstone is kept whose home has not returned.
+/// How long a tombstone is kept if its home does not return.
 const STOPPED_FOR: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// The content of a deployment's file.
@@ -48,7 +49,7 @@ struct Stopped {
     tombstone: Tombstone,
 }
 
-/// The files; none for a node that keeps nothing.
+/// The files; nothing for a node that stores nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct KeptFiles(Option<Arc<Inner>>);
 
@@ -58,22 +59,22 @@ struct Inner {
     /// The present boot of the machine.
     boot: String,
     wanted: Mutex<Wanted>,
-    /// Held while the files are written, so that an earlier content never overwrites a later one.
+    /// Held while the files are written, so that an older content never overwrites a newer one.
     disk: Mutex<BTreeMap<Tombstone, u64>>,
 }
 
-/// The intended content.
+/// The content that the files should get.
 #[derive(Debug, Default)]
 struct Wanted {
-    /// By epoch; none for a file to be removed.
+    /// The files by epoch; nothing for a file that has to be removed.
     running: BTreeMap<u64, Option<Vec<u8>>>,
-    /// Whether files without an entry are to be removed.
+    /// Whether files without an entry have to be removed.
     is_all: bool,
     tombstones: Option<Vec<Tombstone>>,
 }
 
 impl Wanted {
-    /// Takes earlier contents that were not written; for each file, the later content counts.
+    /// Adds an earlier content that could not be written. For each file, the later content counts.
     fn again(&mut self, earlier: Self) {
         if !self.is_all {
             self.is_all = earlier.is_all;
@@ -97,21 +98,21 @@ impl KeptFiles {
         (Self(Some(Arc::new(Inner { state, boot: boot.to_owned(), wanted, disk }))), earlier)
     }
 
-    /// Takes note of a deployment that is to be there.
+    /// Notes that a deployment has to have a file.
     pub(crate) fn keep(&self, kept: &Kept) {
         let Some(inner) = &self.0 else { return };
         let running = Running { boot: inner.boot.clone(), kept: kept.clone() };
         lock(&inner.wanted).running.insert(kept.deployment.epoch, Some(bytes(&running)));
     }
 
-    /// Notes that the files of a deployment are to be removed.
+    /// Notes that the file of a deployment has to be removed.
     pub(crate) fn unkeep(&self, deployment: &Deployment) {
         if let Some(inner) = &self.0 {
             lock(&inner.wanted).running.insert(deployment.epoch, None);
         }
     }
 
-    /// Takes note of all deployments that are to be there, and of no others.
+    /// Notes that exactly these deployments have to have a file.
     pub(crate) fn keep_all(&self, all: &[Kept]) {
         if let Some(inner) = &self.0 {
             let mut wanted = lock(&inner.wanted);
@@ -120,17 +121,17 @@ impl KeptFiles {
         all.iter().for_each(|kept| self.keep(kept));
     }
 
-    /// Takes note of all tombstones.
+    /// Notes all tombstones that have to be in the file.
     pub(crate) fn keep_tombstones(&self, all: Vec<Tombstone>) {
         if let Some(inner) = &self.0 {
             lock(&inner.wanted).tombstones = Some(all);
         }
     }
 
-    /// Writes the files that are to be there. Blocks. A wish that the disk refuses is repeated with the next one.
+    /// Brings the files to their intended content. Blocks. If the disk refuses, the next call tries again.
     ///
     /// # Errors
-    /// The disk does not have all of it, for a person.
+    /// The disk has not accepted everything. The text is for a person.
     pub(crate) fn write(&self) -> Result<(), String> {
         let Some(inner) = &self.0 else { return Ok(()) };
         let mut disk = lock(&inner.disk);
@@ -181,7 +182,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the form of something, with its checksum.
+/// Returns the bytes of a file with this content, with a checksum.
 fn bytes(content: &impl Serialize) -> Vec<u8> {
     let body = postcard::to_stdvec(content).unwrap_or_default();
     [BEGIN, format!("{:08x}\n", crc32fast::hash(&body)).as_bytes(), &body].concat()
@@ -193,7 +194,7 @@ fn content<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
     postcard::from_bytes(body).ok().filter(|_| is_whole)
 }
 
-/// Makes a file durable under its name, in the place of an older one.
+/// Writes a durable file, in the place of an older one.
 fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let unfinished = path.with_extension("new");
     let written = || {
@@ -206,7 +207,7 @@ fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     written().with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Removes a file, and syncs the removal.
+/// Removes a file, and makes this durable.
 fn remove(path: &Path) -> anyhow::Result<()> {
     let removed = std::fs::remove_file(path).and_then(|()| sync_entry(path));
     match removed {
@@ -223,12 +224,12 @@ fn names(folder: &Path) -> Vec<PathBuf> {
     names
 }
 
-/// Returns the epoch that a file is named after.
+/// Returns the epoch in the name of a file.
 fn number(path: &Path) -> Option<u64> {
     path.file_name().and_then(OsStr::to_str)?.parse().ok()
 }
 
-/// Returns the deployments that ran, at most those of the latest epochs.
+/// Returns the deployments that ran. If there are too many, returns those with the latest epochs.
 fn running(folder: &Path, boot: &str) -> Vec<Before> {
     let mut found = Vec::new();
     let mut paths: Vec<(u64, PathBuf)> =
@@ -251,7 +252,7 @@ fn running(folder: &Path, boot: &str) -> Vec<Before> {
     found
 }
 
-/// Returns the tombstones that are not too old, and when each was made.
+/// Returns the tombstones that are not too old, with the time when each was made.
 fn tombstones(path: &Path, now: u64) -> BTreeMap<Tombstone, u64> {
     let read = match file::bytes(path, SIZE_MAX) {
         Err(error) if error.kind() == ErrorKind::NotFound => return BTreeMap::new(),
@@ -261,7 +262,7 @@ fn tombstones(path: &Path, now: u64) -> BTreeMap<Tombstone, u64> {
         tracing::error!(file = %path.display(), "it cannot be read: homes that come back are not told what was stopped meanwhile");
         return BTreeMap::new();
     };
-    // If the clock was set back, no tombstone counts as older.
+    // If the clock was set back, each tombstone counts as new.
     let is_new = |one: &Stopped| now.saturating_sub(one.since) < STOPPED_FOR.as_secs();
     found.into_iter().filter(is_new).map(|one| (one.tombstone, one.since)).collect()
 }
@@ -316,13 +317,13 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A wish that the disk refuses is repeated with the next one.
+    /// If the disk refuses, the next write tries again.
     #[test]
     fn what_the_disk_refuses_is_written_later() {
         let folder = std::env::temp_dir().join(format!("dca-kept-refused-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let (files, _) = KeptFiles::open(Some(folder.clone()), "first");
-        // A file is in the place of the folder.
+        // A file in the place of the folder makes writes fail.
         std::fs::write(folder.join(RUNNING), "").unwrap();
         files.keep(&kept(1));
         files.keep(&kept(2));
@@ -335,7 +336,7 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// Each byte in turn is changed, or the file ends there.
+    /// Each byte is changed in turn, or the file ends at this byte.
     #[test]
     fn what_is_damaged_is_not_begun_and_does_not_come_back() {
         let folder = std::env::temp_dir().join(format!("dca-kept-damage-{}", std::process::id()));

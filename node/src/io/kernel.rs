@@ -1,11 +1,11 @@
-//! The calls of the kernel without which a node could start programs, but could not end them.
+//! The system calls that a node needs to end programs. Without them, it could only start programs.
 
 use rustix::process::{PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_signal};
 
 /// Checks that the kernel, and the filters around this process, let a node end its programs.
 ///
 /// # Errors
-/// Names the call that is refused, and the least version that has it.
+/// Names the call that is refused, and the earliest kernel version that has it.
 pub fn check() -> Result<(), String> {
     let lacks = |call: &str, error: rustix::io::Errno| {
         format!(

@@ -1,4 +1,4 @@
-//! The signals that ask a node to leave.
+//! The signals that ask a node to end.
 
 use std::io;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -15,12 +15,12 @@ pub(crate) struct Leave {
 }
 
 impl Leave {
-    /// Takes the signals over from now on.
+    /// Handles the signals from now on.
     ///
     /// # Errors
-    /// The system gives no signals.
+    /// The system does not allow it to handle signals.
     pub(crate) fn new() -> io::Result<Self> {
-        // If this is unknown, the inherited action is kept.
+        // If this is not known, the inherited handling of SIGHUP stays.
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let hang_up = match is_ignored(&status, HANGUP) {
             Some(false) => Some(signal(SignalKind::hangup())?),
@@ -29,7 +29,7 @@ impl Leave {
         Ok(Self { terminate: signal(SignalKind::terminate())?, interrupt: signal(SignalKind::interrupt())?, hang_up })
     }
 
-    /// Waits for the next of them. Returns its name.
+    /// Waits for the next of these signals. Returns its name.
     ///
     /// # Cancellation
     /// Safe.
@@ -48,7 +48,7 @@ impl Leave {
     }
 }
 
-/// Returns whether a process ignores a signal, from its `status`. Source: proc_pid_status(5), `SigIgn`.
+/// Returns whether a process ignores a signal, according to its `status`. Source: proc_pid_status(5), `SigIgn`.
 fn is_ignored(status: &str, signal: u32) -> Option<bool> {
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"))?;
     let mask = u64::from_str_radix(mask.trim(), 16).ok()?;

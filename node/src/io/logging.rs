@@ -7,8 +7,8 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Registry, reload};
 
-/// The log filter of a command line that has none. This program reports the faults that matter of the network's library
-/// in its own words.
+/// The log filter of a command line, if the user sets none. The library for the network may log nothing, because DCA
+/// itself reports the faults that matter.
 pub const COMMAND: &str = "warn,zenoh=off";
 /// The default filter of a node's log.
 pub const NODE: &str = "info,zenoh=error";
@@ -20,7 +20,7 @@ pub struct Log {
     usual: &'static str,
 }
 
-/// Sends the program's own log to standard error; `RUST_LOG` sets the filter, and without it `usual`.
+/// Begins to log to standard error. `RUST_LOG` sets the filter, or else `usual`.
 pub fn start(usual: &'static str) -> Log {
     let (filter, handle) = reload::Layer::new(from_environment(usual));
     let colours = std::io::stderr().is_terminal();
@@ -37,11 +37,10 @@ pub fn peer(change: &Change) {
 }
 
 impl Log {
-    /// Logs from now on with a filter such as `info,zenoh=error`; without one, with the filter that the process was
-    /// started with.
+    /// From now on, logs with a filter such as `info,zenoh=error`. Without one, logs with the filter that the process was started with.
     ///
     /// # Errors
-    /// If it is not a filter; nothing has changed then.
+    /// The text is not a filter. Then nothing has changed.
     pub fn filter(&self, filter: Option<&str>) -> anyhow::Result<()> {
         let filter = match filter {
             Some(text) => EnvFilter::try_new(text).with_context(|| format!("reading the filter `{text}`"))?,

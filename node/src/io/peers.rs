@@ -1,4 +1,4 @@
-//! The node's session with other nodes and with command lines: presence, frames and calls, as inputs for the agent.
+//! The node's session with other nodes and with command lines. Presence, frames and calls become inputs for the agent.
 
 mod beat;
 mod calls;
@@ -26,19 +26,19 @@ use tokio::sync::mpsc::Sender;
 use tokio::sync::{broadcast, watch};
 use tokio::task::JoinSet;
 
-/// How many frames wait for the agent; more are dropped, and their senders send them again.
+/// The most frames that wait for the agent. Further frames are dropped, and their senders send them again.
 const FRAMES_MAX: usize = 4096;
-/// How long callers have to take the last answers of a node that leaves.
+/// How long callers may take to receive the last answers of a node that ends.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
-/// How many messages about revocations wait; nodes repeat them when they meet.
+/// The most messages about revocations that wait. Nodes repeat them when they meet.
 const REVOKED_MAX: usize = 64;
-/// How many messages of other nodes of this name wait; they are repeated every second.
+/// The most messages of other nodes with this name that wait. Each is repeated every second.
 const NAMESAKES_MAX: usize = 64;
-/// How many rounds of questions are remembered, to see how long answers take.
+/// The most rounds of questions that are remembered. They show how long answers take.
 const ROUNDS_MAX: usize = 64;
-/// How many refusals by others wait; they are repeated.
+/// The most refusals by others that wait. They are repeated.
 const REFUSED_MAX: usize = 16;
-/// In how many rounds a node of a team introduces itself after another one has come.
+/// The number of rounds in which a node of a team introduces itself after another node has come.
 const SHOWN_ROUNDS: u64 = 5;
 
 /// The open session of a node.
@@ -49,13 +49,12 @@ pub struct Peers {
     calls: BTreeMap<u64, Caller>,
     own: Arc<Own>,
     authors: Authors,
-    /// The hosts that get beats, and that are to send theirs.
+    /// The hosts that get beats from this node.
     beaten: watch::Sender<BTreeSet<String>>,
     _beats: Beats,
 }
 
-/// The answers of this node about itself. A separate task gives them, so that a node whose driver is busy does not look
-/// gone.
+/// The answers of this node about itself. A separate task sends them. So a node whose driver is busy does not seem to be gone.
 #[derive(Debug)]
 pub(super) struct Own {
     pub(super) host: String,
@@ -63,12 +62,12 @@ pub(super) struct Own {
     started: Time,
     place: String,
     origin: u32,
-    /// The boot of each other name that the node deals with.
+    /// For each other name, the boot that this node communicates with.
     holders: Mutex<BTreeMap<String, u64>>,
     sessions: Sessions,
-    /// When the last rounds of questions went out.
+    /// When the last rounds of questions were sent.
     rounds: Mutex<VecDeque<(u64, Time)>>,
-    /// In how many more rounds it introduces itself.
+    /// The number of further rounds in which this node introduces itself.
     shows: AtomicU64,
     /// Reports that a node has come.
     pub(super) appeared: broadcast::Sender<()>,
@@ -77,13 +76,13 @@ pub(super) struct Own {
 /// An event of the session.
 #[derive(Debug)]
 pub enum Arrival {
-    /// For the agent.
+    /// An input for the agent.
     Input(Input),
-    /// A call: its number, and where its answers go.
+    /// A call: its number, the request, and the receiver of the answers.
     Call(u64, Request, Caller),
 }
 
-/// The life of a node, for its answers.
+/// The facts about the life of a node that its answers contain.
 #[derive(Clone, Copy, Debug)]
 pub struct Life {
     /// Its boot number.
@@ -95,8 +94,8 @@ pub struct Life {
 }
 
 impl Peers {
-    /// Opens the session, announces the node and begins to listen; arrivals go to `sink` from tasks of `tasks`. A node that was
-    /// killed keeps its boot number, and the time of its start, when it is taken over.
+    /// Opens the session, announces the node and begins to listen. Arrivals go to `sink` from tasks of `tasks`. If this
+    /// node takes over from a killed one, it keeps the boot number and the start time of that node.
     ///
     /// # Errors
     /// The session cannot be opened.
@@ -150,8 +149,8 @@ impl Peers {
         Ok(Self { session, token, calls: BTreeMap::new(), own, authors, beaten, _beats: beats })
     }
 
-    /// Asks other nodes whether they are there: those with some names, or all. If `shows`, introduces this node to
-    /// those that may not know it.
+    /// Asks other nodes whether they are present: the nodes with some names, or all. With `shows`, introduces this node
+    /// to nodes that may not know it.
     pub fn ping(&self, round: u64, only: Option<&BTreeSet<String>>, shows: bool) {
         let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };
         let mut rounds = self.own.rounds();
@@ -161,7 +160,7 @@ impl Peers {
         drop(rounds);
         let keys =
             only.map_or_else(|| vec![key::ping(&ping.from)], |hosts| hosts.iter().map(|to| key::asked(to)).collect());
-        // A node that has just come does not know this one yet.
+        // A node that has just come does not know this node yet.
         let shows = self.own.is_to_show() || shows;
         for key in keys {
             let sent = codec::encode(&ping).map_err(anyhow::Error::from).and_then(|bytes| {
@@ -174,7 +173,7 @@ impl Peers {
         }
     }
 
-    /// Tells another node of this one's name which deployments run here.
+    /// Tells another node with the name of this node which deployments run here.
     pub fn greet(&self, namesake: &Namesake) {
         let sent = codec::encode(namesake).map_err(anyhow::Error::from);
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::namesake(&self.own.host), bytes)?));
@@ -183,13 +182,13 @@ impl Peers {
         }
     }
 
-    /// From now on tells asking nodes the boot of their name that this node deals with.
+    /// From now on, answers to other nodes contain the boot of their name that this node communicates with.
     pub fn hold(&self, holders: BTreeMap<String, u64>) {
         self.own.sessions.keep(&holders);
         *self.own.holders() = holders;
     }
 
-    /// Sends beats to these hosts from now on, and to no others.
+    /// Sends beats to these hosts from now on, and no longer to others.
     pub fn beat(&self, hosts: BTreeSet<String>) {
         self.beaten.send_replace(hosts);
     }
@@ -201,7 +200,7 @@ impl Peers {
         session.into_iter().for_each(|session| self.session.cut(&session));
     }
 
-    /// Sends a frame; a lost frame is sent again by its link.
+    /// Sends a frame. If it is lost, its link sends it again.
     pub fn send(&self, to: &str, frame: &Frame) {
         let mut frame = Cow::Borrowed(frame);
         if matches!(&frame.message, Some((_, message)) if matches!(message.body, Body::Relay(_))) {
@@ -214,28 +213,27 @@ impl Peers {
         }
     }
 
-    /// Notes where the answers of a call go.
+    /// Stores the receiver of a call's answers.
     pub fn expect(&mut self, call: u64, caller: Caller) {
         self.calls.insert(call, caller);
     }
 
-    /// Answers a call. Returns whether the caller is still there and takes its answers; a caller that does not must not
-    /// delay the node.
+    /// Answers a call. Returns whether the caller still takes answers. A caller that takes none must not delay the node.
     pub fn answer(&self, call: u64, answer: Answer) -> bool {
         self.calls.get(&call).is_some_and(|caller| caller.offer(answer))
     }
 
-    /// Forgets a call; returns where its answers go.
+    /// Removes a call. Returns the receiver of its answers.
     pub fn take(&mut self, call: u64) -> Option<Caller> {
         self.calls.remove(&call)
     }
 
-    /// Returns the session, for the database, which closes before this does.
+    /// Returns the session. The database also uses it, and closes before the session does.
     pub fn session(&self) -> &Arc<Session> {
         &self.session
     }
 
-    /// Gives no more answers, and waits until callers have taken the existing ones.
+    /// Sends no more answers, and waits until callers have received the existing ones.
     pub async fn answered(&mut self) {
         self.calls.clear();
         if tokio::time::timeout(ANSWERED_WITHIN, self.session.answered()).await.is_err() {
@@ -258,25 +256,25 @@ impl Own {
         self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns whether this node introduces itself in a round, since another one has come.
+    /// Returns whether this node introduces itself in this round, because another node has come.
     fn is_to_show(&self) -> bool {
         self.shows.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok()
     }
 
     fn holders(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
-        // A map of plain values is valid even if the thread that held it panicked.
+        // The map contains plain values, so it is valid even after a panic.
         self.holders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Returns where this node runs, for a person.
+/// Describes to a person where this node runs.
 fn place() -> String {
     let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let machine: String = machine.trim().chars().take(64).collect();
     format!("on `{machine}`, process {}", std::process::id())
 }
 
-/// The means to answer other nodes, and to believe them.
+/// Everything that is needed to answer other nodes, and to check who they are.
 #[derive(Clone)]
 pub(super) struct Speaking {
     pub(super) session: Arc<Session>,
@@ -284,7 +282,7 @@ pub(super) struct Speaking {
     pub(super) authors: Authors,
 }
 
-/// Answers every other node's presence question.
+/// Answers every question of another node about the presence of this one.
 async fn answer_pings(mut pings: Subscription, Speaking { session, own, authors }: Speaking, sink: Sender<Arrival>) {
     while let Some((key, bytes, author)) = pings.next_signed().await {
         let Ok(Ping { from, boot, round }) = codec::decode(&bytes) else {
@@ -390,8 +388,8 @@ async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
     }
 }
 
-/// Whenever this node learns of more revoked keys, from any source, it tells all other nodes, and ends the tunnels of the
-/// owners of these keys.
+/// When this node learns of further revoked keys, from any source, it tells all other nodes. It also ends the tunnels
+/// to the owners of these keys.
 async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, session: Arc<Session>, own: Arc<Own>) {
     let mut changes = member.changes();
     loop {
@@ -409,7 +407,7 @@ async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, sess
                 }
             }
             told = revoked.next() => match told {
-                // New revocations come back as a change.
+                // If the sets are new, `changes` reports this.
                 Some((_, sets)) => drop(member.hear(&sets)),
                 None => return,
             },

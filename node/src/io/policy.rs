@@ -1,8 +1,8 @@
-//! The execution policy of this host, as its files say it: `/etc/dca/policy.toml` for all nodes of the machine, else `policy.toml`
-//! beside the state of the node.
+//! The execution policy of this host. The file `/etc/dca/policy.toml` is for all nodes of the machine. If it does not
+//! exist, `policy.toml` beside the state of the node counts.
 //!
-//! The file is read again each time that a program is started, so a change applies from the next start on, also for a
-//! restarted program. No other setting decides what may run here, and it cannot be changed from another host.
+//! The file is read again for each start of a program. So a change counts from the next start on, also for a restarted
+//! program. No other setting decides which programs may run here, and another host cannot change it.
 
 mod place;
 
@@ -31,9 +31,9 @@ use trust::policy::{self, POLICY_MAX, Policy, Start};
 
 /// The policy of a machine.
 pub const SYSTEM: &str = "/etc/dca/policy.toml";
-/// The name of the policy of a node, in the folder of its state.
+/// The name of a node's policy file, in the folder of the node's state.
 pub const FILE: &str = "policy.toml";
-/// How many hashes of programs are kept.
+/// The most hashes of programs that are kept.
 const HASHES_MAX: usize = 256;
 
 /// A policy, and its path.
@@ -45,16 +45,16 @@ pub struct PolicyFile {
     pub policy: Policy,
 }
 
-/// Returns the policy for a node whose state is in this folder; none if there is none. Blocks.
+/// Returns the policy for a node whose state is in this folder; nothing if no policy exists. Blocks.
 ///
 /// # Errors
-/// There is a policy, and it cannot be used: the reason, with its path and line.
+/// A policy exists and cannot be used. The reason contains its path and line.
 pub fn find(state: Option<&Path>) -> anyhow::Result<Option<PolicyFile>> {
     let places = std::iter::once(PathBuf::from(SYSTEM)).chain(state.map(|state| state.join(FILE)));
     for path in places {
         match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
-            // A file that exists but cannot be read must not count as a missing file.
+            // If a file exists but cannot be read, this must not count as a missing file.
             _ => {
                 let read = read(&path).with_context(|| format!("the policy `{}` cannot be used", path.display()));
                 return read.map(|policy| Some(PolicyFile { path, policy }));
@@ -78,7 +78,7 @@ fn read(path: &Path) -> anyhow::Result<Policy> {
     Ok(policy)
 }
 
-/// How a program is started.
+/// The limits and rights with which a program is started.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Admitted {
     pub(crate) limits: Limits,
@@ -87,7 +87,7 @@ pub(crate) struct Admitted {
     pub(crate) environment: Vec<(String, String)>,
 }
 
-/// An executable file under examination. It stays open, so it is the same file even if its names change.
+/// An executable file that is being examined. The file stays open, so that it is the same file even if its name changes.
 struct Looked {
     file: File,
     path: PathBuf,
@@ -95,7 +95,7 @@ struct Looked {
 }
 
 impl Looked {
-    /// Opens a program, through any links.
+    /// Opens a program. Follows links.
     fn open(program: &Path) -> io::Result<Self> {
         let file = File::from(rustix::fs::open(program, OFlags::PATH | OFlags::CLOEXEC, Mode::empty())?);
         let stamp = Stamp::of(&file.metadata()?);
@@ -103,13 +103,13 @@ impl Looked {
         Ok(Self { file, path, stamp })
     }
 
-    /// Opens the same file once more, for reading.
+    /// Opens the same file again, for reading.
     fn read(&self) -> io::Result<File> {
         file::opened(&descriptor(&self.file))
     }
 }
 
-/// The path that leads to an open file.
+/// Returns a path that leads to an open file.
 fn descriptor(file: &File) -> PathBuf {
     format!("/proc/self/fd/{}", file.as_raw_fd()).into()
 }
@@ -121,7 +121,7 @@ pub(crate) struct ExecutionPolicy(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     state: Option<PathBuf>,
-    /// Has the audit log, if the node is in a team.
+    /// The member with the audit log, if the node is in a team.
     member: Option<Arc<Member>>,
     hashes: Mutex<BTreeMap<Stamp, [u8; 32]>>,
     /// The policy that was read last.
@@ -132,7 +132,7 @@ impl ExecutionPolicy {
     /// Reads the policy for the first time.
     ///
     /// # Errors
-    /// The policy cannot be used: the node does not begin.
+    /// The policy cannot be used, so the node must not start.
     pub(crate) fn open(state: Option<PathBuf>, member: Option<Arc<Member>>) -> anyhow::Result<Self> {
         let found = find(state.as_deref())?;
         if let Some(PolicyFile { path, .. }) = &found {
@@ -153,7 +153,7 @@ impl ExecutionPolicy {
         self.0.member.as_deref()
     }
 
-    /// Returns the policy that applied when the last program was started, or when the node began.
+    /// Returns the policy that was used for the last start of a program, or at the start of the node.
     pub(crate) fn in_use(&self) -> Option<PolicyInUse> {
         self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -161,7 +161,8 @@ impl ExecutionPolicy {
     /// Returns the limits and rights with which a program is started. Blocks.
     ///
     /// # Errors
-    /// It cannot be started, or the policy does not admit it: with the rule, the file and the line. That is in the audit log.
+    /// The program cannot be started, or the policy does not allow it. The reason contains the rule, the file and the
+    /// line, and is also in the audit log.
     pub(crate) fn admit(&self, order: &SpawnOrder) -> anyhow::Result<Admitted> {
         let asked = child::limits(&order.policy.usage);
         let program = child::check_executable(&order.command, &order.environment)?;
@@ -205,7 +206,7 @@ impl ExecutionPolicy {
             variables: &variables,
             limits: words_of(asked),
         };
-        // The setup file of a program of ROS 2 decides which program runs.
+        // The setup file of a ROS 2 program decides which program runs, so it is checked as well.
         let setup = setup_file(order)?.map(|setup| {
             let setup =
                 Looked::open(&setup).with_context(|| format!("finding the setup file `{}`", setup.display()))?;
@@ -238,7 +239,7 @@ impl ExecutionPolicy {
         }
     }
 
-    /// Returns how a policy judges a file, and its hash if that needs one.
+    /// Returns how a policy judges a file. Also returns the hash of the file if this needs one.
     fn judged(&self, policy: &Policy, looked: &Looked) -> anyhow::Result<(JudgedBy, Option<[u8; 32]>)> {
         if !policy.needs_hash(&looked.path) {
             return Ok((JudgedBy::Folder, None));
@@ -246,7 +247,7 @@ impl ExecutionPolicy {
         Ok((JudgedBy::Hash, Some(self.hash(looked)?)))
     }
 
-    /// Returns the hash of a program, which is computed once until the file changes.
+    /// Returns the hash of a program. It is computed only once, as long as the file does not change.
     fn hash(&self, program: &Looked) -> anyhow::Result<[u8; 32]> {
         let failed = || format!("reading `{}`", program.path.display());
         let stamp = program.stamp;
@@ -256,7 +257,7 @@ impl ExecutionPolicy {
         }
         let file = program.read().with_context(failed)?;
         let hash = hash_of(&file).with_context(failed)?;
-        // If the file was written during the read, the hash does not match its content.
+        // If the file was written while it was read, the hash may not fit its content.
         let after = Stamp::of(&file.metadata().with_context(failed)?);
         ensure!(after == stamp, "`{}` was changed while it was looked at", program.path.display());
         let mut hashes = self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner);
@@ -277,10 +278,10 @@ impl ExecutionPolicy {
     }
 }
 
-/// Returns the setup file of a program of ROS 2. A relative path begins at the folder of the program.
+/// Returns the setup file of a ROS 2 program. A relative path is relative to the folder of the program.
 ///
 /// # Errors
-/// An argument without a name could be a setup file as well.
+/// An argument has no name, so it could be a setup file as well.
 fn setup_file(order: &SpawnOrder) -> anyhow::Result<Option<PathBuf>> {
     let [_, kind, arguments @ ..] = order.command.as_slice() else { return Ok(None) };
     if kind != ROS_NODE {
@@ -299,7 +300,7 @@ fn setup_file(order: &SpawnOrder) -> anyhow::Result<Option<PathBuf>> {
     Ok(setup)
 }
 
-/// Returns why a program can run only as the user of its node, for a sentence; empty if it can run as another.
+/// Returns the end of a sentence: why a program can run only as the user of its node. It is empty if it can run as another user.
 const fn only_own(is_root: bool) -> &'static str {
     if is_root { "" } else { ": the node is not root, and can start programs only as itself" }
 }
@@ -318,12 +319,12 @@ fn in_use(found: &PolicyFile) -> PolicyInUse {
     PolicyInUse { file: found.path.display().to_string(), sandbox: sandbox.to_owned() + &weakness.unwrap_or_default() }
 }
 
-/// Returns whether the sandbox closes folders of the system on this machine.
+/// Returns whether the sandbox can close folders of the system on this machine.
 fn has_landlock() -> bool {
     !standard().contains("landlock")
 }
 
-/// Returns the standard sandbox as this machine has it, for a person.
+/// Describes to a person what the standard sandbox consists of on this machine.
 fn standard() -> &'static str {
     static STANDARD: OnceLock<String> = OnceLock::new();
     STANDARD.get_or_init(|| {
@@ -345,7 +346,7 @@ fn hash_of(file: &File) -> io::Result<[u8; 32]> {
     Ok(*hasher.finalize().as_bytes())
 }
 
-/// Returns limits in the words of a policy.
+/// Converts limits to the form of a policy.
 fn words_of(limits: &Limits) -> policy::Limits {
     policy::Limits {
         realtime: limits.realtime.map(|realtime| u64::from(realtime.priority)),
@@ -358,14 +359,14 @@ fn words_of(limits: &Limits) -> policy::Limits {
     }
 }
 
-/// Returns the limits that a program asks for, combined with those of the policy.
+/// Combines the limits that a program asks for with the limits of the policy.
 fn with(asked: Limits, admitted: &policy::Limits) -> Limits {
     Limits {
         memory: admitted.memory,
         cpu: admitted.cpu.map(Duration::from_secs),
         files: admitted.files,
         pids: admitted.pids,
-        // A policy names 4096 processors at most.
+        // A policy gives at most 4096 processors, so the number always fits.
         cpu_share: admitted.cores.and_then(|cores| u32::try_from(cores).ok()),
         file_size: admitted.file_size,
         ..asked

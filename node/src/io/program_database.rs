@@ -1,7 +1,6 @@
-//! Asks the database for the programs of this node, beside its loop: a task for each request and each watch of a program.
+//! Asks the database for the programs of this node, beside the node's loop. There is a task for each request and each watch of a program.
 //!
-//! The tasks of a program end with its channel. A transaction that was handed to the database is still carried out
-//! completely.
+//! When the channel of a program is closed, its tasks end. A transaction that the database already has is still carried out completely.
 
 use crate::io::caller;
 use crate::io::database::Handle;
@@ -23,13 +22,12 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::task::{AbortHandle, JoinSet};
 
-/// The pause before a watch that the database has ended is repeated: the disk has failed, or there are too many
-/// watches.
+/// The pause before a watch begins again that the database has ended, because the disk has failed or there are too many watches.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
-/// The first number of calls for programs; those of command lines are below, and those of the node itself above.
+/// The first number of calls for programs. Calls of command lines have lower numbers, and calls of the node itself have higher ones.
 const FIRST_CALL: u64 = 1 << 63;
 
-/// The way of programs to the database of their node.
+/// Gives programs access to the database of their node.
 #[derive(Clone, Debug)]
 pub(crate) struct ProgramDatabase {
     database: Handle,
@@ -39,14 +37,14 @@ pub(crate) struct ProgramDatabase {
     connected: Arc<Mutex<BTreeMap<Deployment, BTreeMap<String, Connected>>>>,
 }
 
-/// The keys of the database that one program is connected with.
+/// The keys of the database that a program uses by its ports and secrets.
 #[derive(Clone, Debug, Default)]
 struct Connected {
     ports: Arc<[KeyPort]>,
     secrets: Arc<[SecretParameter]>,
 }
 
-/// A parameter of a program that is a secret.
+/// A parameter of a program whose value is a secret.
 #[derive(Clone, Debug)]
 struct SecretParameter {
     name: String,
@@ -58,7 +56,7 @@ impl Connected {
         let port =
             |keys: &KeyBinding| KeyPort { port: keys.port.clone(), keys: keys.keys.clone(), is_write: keys.is_write };
         let parameter = |secret: &SecretArgument| {
-            // `password=`, and the path of the file behind it.
+            // This word is `password=`. The path of the file with the secret is added to it.
             let name = order.command.get(secret.word as usize)?.strip_suffix('=')?.to_owned();
             Some(SecretParameter { name, key: secret.key.clone() })
         };
@@ -73,16 +71,16 @@ pub(crate) struct ProgramRequests {
     way: ProgramDatabase,
     connected: Connected,
     sender: ControlSender,
-    /// One for each request.
+    /// The tasks of the requests.
     requests: JoinSet<()>,
     watches: BTreeMap<u64, Watching>,
-    /// One for each watch.
+    /// The tasks of the watches.
     followers: JoinSet<()>,
 }
 
 #[derive(Debug)]
 struct Watching {
-    /// How many more parts the program takes.
+    /// How many more parts of the watch the program accepts now.
     room: Arc<Semaphore>,
     task: AbortHandle,
 }
@@ -99,7 +97,7 @@ impl ProgramDatabase {
         Self { database, access: Arc::new(access), next, secrets, connected: Arc::default() }
     }
 
-    /// Notes the keys that a program is connected with, before it is started or returns.
+    /// Notes the keys that a program uses, before the program is started or reconnects.
     pub(crate) fn connect(&self, order: &SpawnOrder) {
         let mut all = self.connected.lock().unwrap_or_else(PoisonError::into_inner);
         let of_deployment = all.entry(order.process.deployment.clone()).or_default();
@@ -111,7 +109,7 @@ impl ProgramDatabase {
         self.connected.lock().unwrap_or_else(PoisonError::into_inner).remove(deployment);
     }
 
-    /// Opens the way of one program.
+    /// Opens the access of one program.
     pub(crate) fn open(&self, deployment: &Deployment, instance: &str, sender: ControlSender) -> ProgramRequests {
         let all = self.connected.lock().unwrap_or_else(PoisonError::into_inner);
         let connected = all.get(deployment).and_then(|programs| programs.get(instance)).cloned().unwrap_or_default();
@@ -126,12 +124,13 @@ impl ProgramDatabase {
         answers
     }
 
-    /// Asks for one answer. The database hears of it before this returns, so it has questions in the order in which they were asked.
+    /// Asks a question with one answer. When this returns, the database has the question. So it gets questions in the
+    /// order in which they were asked.
     fn answer(&self, question: Question) -> impl Future<Output = DatabaseAnswer> + Send + use<> {
         answer(self.ask(question))
     }
 
-    /// Sends a program the news of a watch, and starts the watch again when it ends.
+    /// Sends a program the changes of a watch. If the watch ends, begins it again.
     async fn follow(self, question: Question, number: u64, sender: ControlSender, room: Arc<Semaphore>) {
         loop {
             if !tell(&sender, number, DatabaseAnswer::Begin, &room).await {
@@ -148,7 +147,7 @@ impl ProgramDatabase {
         }
     }
 
-    /// Tells a program the present value of a secret, and each value that it has later.
+    /// Sends a program the present value of a secret, and each later value.
     async fn follow_secret(self, secret: SecretParameter, sender: ControlSender) {
         let Ok(question) = self.access.follow(&secret.key) else { return };
         loop {
@@ -191,7 +190,7 @@ fn reply(answer: Answer) -> Option<Reply> {
     if let Answer::Database(reply) = answer { Some(reply) } else { None }
 }
 
-/// Sends a part of a watch once the program has room for it. Returns whether it still can be reached.
+/// Sends a part of a watch, once the program accepts another part. Returns whether the program can still be reached.
 async fn tell(sender: &ControlSender, number: u64, answer: DatabaseAnswer, room: &Semaphore) -> bool {
     let Ok(permit) = room.acquire().await else { return false };
     permit.forget();
@@ -207,7 +206,7 @@ fn send(sender: &ControlSender, number: u64, answer: DatabaseAnswer) -> bool {
 }
 
 impl ProgramRequests {
-    /// Tells a new program which of its ports are connected with keys; a program that reconnects knows them.
+    /// Tells a new program which keys its ports use. A program that reconnects knows this already.
     pub(crate) fn tell_ports(&self) {
         let ports = &self.connected.ports;
         if !ports.is_empty()
@@ -217,14 +216,14 @@ impl ProgramRequests {
         }
     }
 
-    /// Sends the program its secrets from now on, after each change.
+    /// From now on, sends the program its secrets after each change.
     pub(crate) fn follow_secrets(&mut self) {
         for secret in self.connected.secrets.iter().cloned() {
             self.followers.spawn(self.way.clone().follow_secret(secret, self.sender.clone()));
         }
     }
 
-    /// Takes a request of the program.
+    /// Handles a request of the program.
     pub(crate) fn take(&mut self, number: u64, request: DatabaseRequest) {
         while self.requests.try_join_next().is_some() {}
         while self.followers.try_join_next().is_some() {}
@@ -266,7 +265,7 @@ impl ProgramRequests {
         }
     }
 
-    /// Makes room for more parts of a watch, as many as are allowed.
+    /// Notes that the program accepts further parts of a watch, up to the allowed number.
     fn has_taken(&self, number: u64, parts: u32) {
         let Some(Watching { room, .. }) = self.watches.get(&number) else { return };
         let missing = usize::try_from(WINDOW).unwrap_or(1).saturating_sub(room.available_permits());

@@ -1,4 +1,4 @@
-//! Asks executables about themselves, such as for the controller types they offer.
+//! Asks executables about themselves, such as for the controller types that they offer.
 
 use anyhow::Context;
 use comms::logic::human::span;
@@ -12,17 +12,17 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
-/// The most text an executable may answer.
+/// The longest answer of an executable, in bytes.
 const INTERFACE_MAX: u64 = 4 << 20;
 /// The argument that asks an executable for its interfaces.
 const INTERFACE: &str = "--dca-interface";
-/// The most that is read of the standard error of a failing program, in bytes.
+/// How much of the standard error of a failing program is read, in bytes.
 const TROUBLE_MAX: u64 = 64 << 10;
-/// How many lines of its output are shown to people.
+/// How many of these lines are shown to people.
 const TROUBLE_LINES: usize = 5;
 /// How long a program in Python may take for an answer.
 const PYTHON_WITHIN: Duration = Duration::from_secs(5);
-/// The variable that tells a program which version of DCA starts it. A program in Python compares it with that of its package.
+/// The variable that tells a program the version of the DCA that starts it. A program in Python compares this version with its package's.
 pub(crate) const VERSION_VARIABLE: &str = "DCA_VERSION";
 /// How long an executable may take for an answer.
 pub const ANSWER_WITHIN: Duration = Duration::from_secs(10);
@@ -43,17 +43,17 @@ pub enum ProgramsError {
     Failed {
         /// The path of the program.
         program: PathBuf,
-        /// The argument that asks it.
+        /// The argument with which it was asked.
         argument: &'static str,
-        /// How it ended.
+        /// Its exit status.
         status: ExitStatus,
     },
-    /// The program answers, and its answer names no type.
+    /// The program has answered, but its answer contains no type.
     #[error("`{program}` offers no controller type: `{argument}` prints no `module`")]
     Nothing {
         /// The path of the program.
         program: PathBuf,
-        /// The argument that asks it.
+        /// The argument with which it was asked.
         argument: &'static str,
     },
     /// The program in Python of a module ran, and failed.
@@ -63,51 +63,51 @@ pub enum ProgramsError {
         module: String,
         /// How it was started.
         command: String,
-        /// The argument that asks it.
+        /// The argument with which it was asked.
         argument: &'static str,
-        /// How it ended.
+        /// Its exit status.
         status: ExitStatus,
-        /// The last lines that it has written on standard error.
+        /// The last lines on its standard error.
         trouble: String,
     },
-    /// The program runs, and writes nothing.
+    /// The program runs but writes no answer.
     #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
     Silent {
         /// The path of the program.
         program: PathBuf,
-        /// The argument that asks it.
+        /// The argument with which it was asked.
         argument: &'static str,
-        /// The time given.
+        /// The time that it had.
         within: Duration,
     },
 }
 
-/// Returns the executable in the folder of this one.
+/// Returns the path of an executable in the folder of this one.
 pub fn beside(name: &str) -> PathBuf {
     let here = std::env::current_exe().ok().and_then(|exe| exe.parent().map(Path::to_path_buf));
     here.unwrap_or_default().join(name)
 }
 
-/// Checks that `dca-shim`, without which no program starts, is in the folder of this executable.
+/// Checks that `dca-shim` is in the folder of this executable. Without it, no program can be started.
 ///
 /// # Errors
-/// Names the path at which it is missing or cannot be executed.
+/// The error contains the path where the shim is missing or cannot be executed.
 pub fn check_shim() -> anyhow::Result<()> {
     let shim = beside("dca-shim");
     let why = || format!("no program starts without `{}`: put `dca-shim` of the same build there", shim.display());
     access(&shim, Access::EXEC_OK).with_context(why)
 }
 
-/// Returns the executables to ask: the given ones, or `dca-controller` in the folder of this one if it exists.
+/// Returns the executables to ask: those given, or else `dca-controller` in the folder of this executable, if it exists.
 pub fn chosen(given: &[PathBuf]) -> Vec<PathBuf> {
     let own = beside("dca-controller");
     if given.is_empty() && own.is_file() { vec![own] } else { given.to_vec() }
 }
 
-/// Returns the interfaces of every controller type an executable offers, as `module` blocks.
+/// Returns the interfaces of all controller types that an executable offers, as `module` blocks.
 ///
 /// # Errors
-/// It cannot be run, fails, offers nothing, or does not answer within 10 s.
+/// The executable cannot be run, fails, offers nothing, or does not answer within 10 s.
 pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
     let mut command = Command::new(program);
     command.arg(INTERFACE).stderr(Stdio::null());
@@ -119,13 +119,13 @@ pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
     }
 }
 
-/// Asks the program in Python of a module for the interfaces that it offers, in the environment that the module gives it.
+/// Asks the program in Python of a module for its interfaces. It runs in the environment that the module sets.
 ///
 /// # Errors
-/// It cannot be run, fails, offers nothing, or does not answer within 5 s.
+/// The program cannot be run, fails, offers nothing, or does not answer within 5 s.
 pub fn interfaces_of(module: &AskedModule) -> Result<String, ProgramsError> {
     let mut words = words(&module.exec).unwrap_or_default();
-    // The last one is the name of the module.
+    // The last word is the name of the module, which is not needed here.
     words.pop();
     let Some((program, rest)) = words.split_first() else { return Ok(String::new()) };
     let mut command = Command::new(program);
@@ -143,7 +143,7 @@ pub fn interfaces_of(module: &AskedModule) -> Result<String, ProgramsError> {
     }
 }
 
-/// Runs a program that is asked for its interface.
+/// Runs a program that is asked for its interface, and checks its answer.
 fn checked(command: Command, program: &Path, within: Duration) -> Result<Answer, ProgramsError> {
     let path = program.to_owned();
     match run(command, within) {
@@ -158,25 +158,25 @@ fn checked(command: Command, program: &Path, within: Duration) -> Result<Answer,
     }
 }
 
-/// Returns the last output of a program, to be appended to its end.
+/// Returns the last output of a program, in a form that can be appended to how it ended.
 fn ends(trouble: &str) -> String {
     if trouble.is_empty() { String::new() } else { format!(":\n{trouble}") }
 }
 
-/// Runs a program; returns its output and its exit status. A program that has not ended within this time is killed.
+/// Runs a program. Returns its output and its exit status. Kills the program if it has not ended within this time.
 ///
 /// # Errors
-/// `TimedOut`: it has not ended in time. Else it cannot be run, or prints no text.
+/// `TimedOut`: the program has not ended in time. Otherwise it cannot be run, or does not print text.
 pub fn ask(program: &Path, arguments: &[&str], within: Duration) -> io::Result<(String, ExitStatus)> {
     let mut command = Command::new(program);
     command.args(arguments).stderr(Stdio::null());
     run(command, within).map(|Answer { text, status, .. }| (text, status))
 }
 
-/// The same, with the last lines on its standard error.
+/// Does the same, and also returns the last lines on its standard error.
 ///
 /// # Errors
-/// As [`ask`].
+/// The same as for [`ask`].
 pub fn ask_with_trouble(program: &Path, arguments: &[&str], within: Duration) -> io::Result<Answer> {
     let mut command = Command::new(program);
     command.args(arguments).stderr(Stdio::piped());
@@ -188,36 +188,36 @@ pub fn ask_with_trouble(program: &Path, arguments: &[&str], within: Duration) ->
 pub struct Answer {
     /// The text on its standard output.
     pub text: String,
-    /// The last lines on its standard error, where that is a pipe.
+    /// The last lines on its standard error, if that is a pipe.
     pub trouble: String,
-    /// How it ended.
+    /// Its exit status.
     pub status: ExitStatus,
 }
 
 fn run(mut command: Command, within: Duration) -> io::Result<Answer> {
     let child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
-    // This descriptor still names this child after the thread has seen its end.
+    // This descriptor still refers to this child after the thread has seen its end.
     let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
     let (heard_tx, heard) = sync_channel(1);
     let hearing = move || drop(heard_tx.send(hear(child)));
-    // The thread is not joined: children of the program may hold its output open for a long time.
+    // The thread is not joined: children of the program may keep its output open for a long time.
     let started = std::thread::Builder::new().name("ask".to_owned()).spawn(hearing);
     let answer = started.map(|_| heard.recv_timeout(within).ok());
     if !matches!(answer, Ok(Some(_))) {
-        // A program that has just ended needs no signal.
+        // The program may have just ended, and then needs no signal.
         pidfd_send_signal(&pidfd, Signal::KILL).unwrap_or_default();
     }
     let silent = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer within {}", span(within)));
     answer?.ok_or_else(silent)?
 }
 
-/// Reads the output of a program until its end, and returns its status.
+/// Reads the output of a program to its end. Returns the output and the exit status.
 fn hear(mut child: Child) -> io::Result<Answer> {
     let (mut text, mut trouble) = (String::new(), Vec::new());
     let (out, errors) = (child.stdout.take(), child.stderr.take());
     let read = std::thread::scope(|scope| {
         scope.spawn(|| errors.map(|errors| errors.take(TROUBLE_MAX).read_to_end(&mut trouble)));
-        // Dropping the pipe ends a program that prints more.
+        // If a program prints more than this, dropping the pipe ends it.
         out.map(|out| out.take(INTERFACE_MAX).read_to_string(&mut text))
     });
     let status = child.wait()?;

@@ -1,4 +1,4 @@
-//! Waits until a node is ready: every permitted client can call it.
+//! Waits until a node is ready: then every client that has the right can call it.
 
 use crate::io::peers::Peers;
 use comms::io::session::Reach;
@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 /// How long it takes to find the interfaces that are up.
 const FOUND_WITHIN: Duration = Duration::from_millis(500);
 
-/// Announces that the node is ready. If other hosts are to find the node, it is only ready once they can.
+/// Announces that the node is ready. If other hosts should find the node, waits until they can.
 pub(super) fn announce(peers: &Peers, reach: &Reach, ready: watch::Sender<bool>, tasks: &mut JoinSet<()>) {
     if matches!(reach, Reach::Host) {
         ready.send_replace(true);

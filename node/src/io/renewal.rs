@@ -1,4 +1,4 @@
-//! Nodes of a team renew each other's certificates, as `team::member::renewal` and `trust::renewal` decide.
+//! Nodes of a team renew each other's certificates, according to the rules in `team::member::renewal` and `trust::renewal`.
 //!
 //! ```text
 //! r1 ──Renewing, with r1's credential, when a third of its life is left──▶ every node that hears it
@@ -22,11 +22,11 @@ use tokio::task::JoinSet;
 
 /// How often a node asks again for a renewal.
 const ASK_EVERY: Duration = Duration::from_secs(60);
-/// How long it waits at most before it reads the calendar again, which may have been set in the meantime.
+/// The longest wait before the node reads the calendar clock again, which may have been set in the meantime.
 const LOOK_EVERY: Duration = Duration::from_secs(3600);
-/// How soon it asks after a node has come.
+/// How soon the node asks after another node has come.
 const ASK_AFTER: Duration = Duration::from_secs(1);
-/// How many messages of others wait; they are repeated.
+/// The most messages of others that wait. Others repeat their messages.
 const WAITING_MAX: usize = 64;
 
 /// The state of this task.
@@ -37,8 +37,8 @@ struct Renewals {
     host: String,
 }
 
-/// Begins to ask others to renew this node when that is due, also when `appeared` reports a new node, and to renew
-/// others.
+/// Begins to ask others to renew the certificate of this node, and to renew the certificates of others. The node asks
+/// when the renewal is due, and also when `appeared` reports a new node.
 ///
 /// # Errors
 /// The session is closed.
@@ -99,7 +99,7 @@ impl Renewals {
         self.member.validity().1.is_some_and(|due| team::now() >= due)
     }
 
-    /// Returns when to look next.
+    /// Returns when to check next whether the renewal is due.
     fn next(&self) -> Time {
         let left = self.member.validity().1.map_or(LOOK_EVERY, |due| Duration::from_secs(due.since(team::now())));
         clock::now() + left.min(LOOK_EVERY)

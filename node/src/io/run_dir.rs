@@ -43,49 +43,50 @@ use std::time::Duration;
 
 pub(crate) use sockets::remove_sockets;
 
-/// How long a node that was killed may take to end.
+/// How long a killed node may take to end.
 const LEAVING: Duration = Duration::from_secs(3);
 
-/// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
+/// The longest path of a Unix socket that Linux accepts, without its final zero. Source: unix(7).
 const SOCKET_PATH_MAX: usize = 107;
 
-/// How the folder of a command's own nodes begins; its process id follows. No node has a name with `+`.
+/// The beginning of the name of a folder with a command's own nodes. The command's process id follows. The name of a
+/// node never contains `+`.
 const COMMAND_PREFIX: &str = "run+";
 
 /// The option that names the base.
 pub const OPTION: &str = "--run-dir";
 
-/// The folder of a node that a service manager keeps running.
+/// The folder of a node that is run by a service manager.
 const SERVICE: &str = "/run/dca";
 
-/// The file that proves that a client is on this machine.
+/// The file that proves that a client runs on this machine.
 const PROOF: &str = "proof";
 /// The longest proof, in bytes.
 const PROOF_MAX: usize = 64;
 
-/// The file with the programs' credentials for the team.
+/// The file with the credentials that programs use in the team.
 pub(crate) const PROGRAMS: &str = "programs";
-/// The file with the credentials that visitors show to programs of other hosts.
+/// The file with the credentials that visitors show to programs on other hosts.
 pub const VISITORS: &str = "visitors";
 
-/// The end of the name of the folder with the sockets of programs of another user; the node's name comes first. Names of nodes have
-/// no `+`.
+/// The end of the folder name for the sockets of programs that run as another user. The node's name comes before it.
+/// The name of a node never contains `+`.
 const OTHERS: &str = "+u";
-/// The file there with the programs' credentials for the team.
+/// The file in this folder with the credentials that programs use in the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
-/// The variable with the path of a program's socket to its node.
+/// The variable with the path of the socket on which a program talks to its node.
 pub(crate) const CONTROL_VARIABLE: &str = "DCA_CONTROL";
-/// The variable with the path of its data session's socket.
+/// The variable with the path of the socket of a program's data session.
 pub(crate) const DATA_VARIABLE: &str = "DCA_DATA_SOCKET";
-/// The variable with the path of a program's credentials for its team.
+/// The variable with the path of the credentials that a program uses in its team.
 pub(crate) const TEAM_VARIABLE: &str = "DCA_TEAM";
-/// The socket of a data session.
+/// The socket of a program's data session.
 pub(crate) const DATA_SOCKET: &str = "data.sock";
-/// The socket where the programs of a deployment talk to the node.
+/// The socket on which the programs of a deployment talk to the node.
 const CONTROL_SOCKET: &str = "control.sock";
-/// The files that a killed data session leaves.
+/// The files that a data session leaves when it is killed.
 const DATA_FILES: [&str; 3] = [DATA_SOCKET, "data.sock.lock", "data.wire"];
-/// All users may enter a folder, but not list it.
+/// The mode of a folder that all users may enter but not list.
 const ENTER: u32 = 0o711;
 
 /// Why a folder cannot be used.
@@ -112,13 +113,13 @@ pub enum RunDirError {
         /// The user id of the owner.
         owner: u32,
     },
-    /// The folder is a link: its maker can lead it elsewhere.
+    /// The folder is a link: the user who made the link could change where it leads.
     #[error("the folder `{path}` is a link; name the folder itself with `--run-dir`")]
     Link {
         /// The path.
         path: PathBuf,
     },
-    /// Others can put files into the folder.
+    /// Other users can put files into the folder.
     #[error("anybody can write to the folder `{path}`; `chmod go-w` it, or choose another with `--run-dir`")]
     Open {
         /// The path.
@@ -130,7 +131,7 @@ pub enum RunDirError {
         /// Its name.
         name: String,
     },
-    /// Socket paths below it would be too long for the kernel.
+    /// The paths of sockets in the folder would be too long for the kernel.
     #[error(
         "the folder `{path}` is too deep for sockets: with the node's name it may have {max} bytes, and has {length}; choose a \
          shorter one with `--run-dir`"
@@ -138,18 +139,19 @@ pub enum RunDirError {
     TooDeep {
         /// The path.
         path: PathBuf,
-        /// How long it is, in bytes.
+        /// Its present length, in bytes.
         length: usize,
-        /// How long it may be, in bytes.
+        /// Its longest possible length, in bytes.
         max: usize,
     },
 }
 
-/// The variable with the base folder, where no option says it.
+/// The variable with the base folder, if no option names it.
 const VARIABLE: &str = "DCA_RUN_DIR";
 
-/// Returns the default base folder of this user: what `DCA_RUN_DIR` says, else that of the node which the service manager keeps running as this user, if
-/// there is one (`RuntimeDirectory=` of its unit), else one of the user's own.
+/// Returns the default base folder of this user: the folder in `DCA_RUN_DIR`, or else the folder of a service manager's
+/// node that runs as this user (`RuntimeDirectory=` of its unit). If neither exists, returns a folder of the user's
+/// own.
 pub fn default_base() -> PathBuf {
     if let Some(folder) = std::env::var_os(VARIABLE).filter(|folder| !folder.is_empty()) {
         return folder.into();
@@ -166,22 +168,22 @@ pub fn default_base() -> PathBuf {
     }
 }
 
-/// Returns the user who owns the folder of a node which the service manager keeps running, if it is another user.
+/// If the service manager runs a node as another user, returns the user who owns the folder of that node.
 pub fn user_of_service() -> Option<u32> {
     let found = fs::symlink_metadata(SERVICE).ok().filter(fs::Metadata::is_dir)?;
     Some(found.uid()).filter(|owner| *owner != getuid().as_raw())
 }
 
-/// Returns the nodes of this machine that are running, in order of name, with their sockets.
+/// Returns the nodes that run on this machine with their sockets, sorted by name.
 ///
 /// # Errors
-/// The folder is not this user's own.
+/// The folder does not belong to this user.
 pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     folder::check(base, OPTION)?;
     if fs::symlink_metadata(base).is_ok() {
         check_own(base)?;
     }
-    // Sockets are named by whole paths; a base that has none has no entries either.
+    // Sockets need absolute paths. If the base cannot be made absolute, it has no entries either.
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let mut nodes: Vec<(String, PathBuf)> = entries
@@ -193,24 +195,24 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     Ok(nodes)
 }
 
-/// Returns the proof that a command shows to the node `name` of this machine; none if there is no such node, or it
-/// belongs to another user.
+/// Returns the proof that a command shows to the node `name` of this machine. Returns nothing if there is no such node,
+/// or if the node belongs to another user.
 pub fn proof(base: &Path, name: &str) -> Option<String> {
-    // A name comes from the network or from a person: it must not lead elsewhere.
+    // The name comes from the network or from a person, so it must not lead to another folder.
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
     let proof = file::bytes(&base.join(name).join(PROOF), PROOF_MAX).ok().filter(|_| plain)?;
     String::from_utf8(proof).ok()
 }
 
-/// Returns the file with the credentials that a node in a team gives to clients that watch programs from its machine;
-/// none if it is not in a team.
+/// Returns the file with the credentials that a node in a team gives to clients on its machine. Returns nothing if the
+/// node is in no team.
 pub fn visitors_identity(base: &Path, name: &str) -> Option<PathBuf> {
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
     Some(base.join(name).join(VISITORS)).filter(|file| plain && file.is_file())
 }
 
-/// Returns the folders of nodes that see each other: `base`, and one for each command that runs its own nodes, oldest
-/// first. Folders of other users are left out, because their nodes are strangers.
+/// Returns a folder for each group of nodes that see each other. The first is `base`. A folder for each command with
+/// its own nodes follows, the oldest first. Folders of other users are left out, because their nodes are strangers.
 pub fn groups(base: &Path) -> Vec<PathBuf> {
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(&base).into_iter().flatten().flatten();
@@ -221,22 +223,22 @@ pub fn groups(base: &Path) -> Vec<PathBuf> {
     std::iter::once(base).filter(|base| is_own(base)).chain(commands).collect()
 }
 
-/// Returns the process id of the command that runs the nodes of this folder; none for nodes that stay.
+/// Returns the process id of the command whose nodes are in this folder; nothing for permanent nodes.
 pub fn command(folder: &Path) -> Option<u32> {
     folder.file_name()?.to_str()?.strip_prefix(COMMAND_PREFIX)?.parse().ok()
 }
 
-/// Returns whether a folder belongs to this user, and is not a link to another.
+/// Returns whether a folder belongs to this user and is not a link.
 fn is_own(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|folder| folder.is_dir() && folder.uid() == getuid().as_raw())
 }
 
-/// Makes a folder for the nodes of this command alone; ends and removes what commands that were killed have left. Blocks.
+/// Makes a folder for the nodes of this command. Ends and removes what killed commands have left. Blocks.
 pub fn of_this_command(base: &Path) -> PathBuf {
     for entry in fs::read_dir(base).into_iter().flatten().flatten() {
         let path = entry.path();
         let pid = command(&path);
-        // A command that is starting has no locks yet, but it is alive.
+        // A command that is just starting holds no lock yet, but its process exists.
         let alive = pid.is_none_or(|pid| Path::new(&format!("/proc/{pid}")).exists());
         if !alive && running(&path).is_ok_and(|nodes| nodes.is_empty()) {
             let nodes = fs::read_dir(&path).into_iter().flatten().flatten();
@@ -247,7 +249,7 @@ pub fn of_this_command(base: &Path) -> PathBuf {
     base.join(format!("{COMMAND_PREFIX}{}", std::process::id()))
 }
 
-/// Locks a file. The kernel holds the lock of a killed process until the last of its threads is gone.
+/// Locks a file. When a process is killed, the kernel holds its lock until its last thread is gone.
 fn lock_soon(lock: &File) -> bool {
     let (give_up, pause) = (now() + LEAVING, Wakeup::default());
     while flock(lock, FlockOperation::NonBlockingLockExclusive).is_err() {
@@ -263,7 +265,7 @@ fn is_locked(lock: &Path) -> bool {
     file::opened(lock).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }
 
-/// The folder of a running node. Its lock is held for as long as this lives.
+/// The folder of a running node. Its lock is held until this is dropped.
 #[derive(Debug)]
 pub struct RunDir {
     path: PathBuf,
@@ -272,7 +274,7 @@ pub struct RunDir {
 }
 
 impl RunDir {
-    /// Takes the folder of node `name` below `base`. Blocks for up to 3 s while another process holds it.
+    /// Takes the folder of node `name` in `base`. If another process holds the folder, blocks for up to 3 s.
     ///
     /// # Errors
     /// The folder cannot be used, or a node of that name is running.
@@ -292,10 +294,10 @@ impl RunDir {
         Ok(Self { path, proof, _lock: lock })
     }
 
-    /// Returns where the folder of node `name` is, or would be.
+    /// Returns the path that the folder of node `name` has or would have.
     ///
     /// # Errors
-    /// Sockets below it would have paths that are too long.
+    /// The paths of sockets in the folder would be too long.
     pub fn path_of(base: &Path, name: &str) -> Result<PathBuf, RunDirError> {
         let absolute = std::path::absolute(base);
         let path = absolute.map_err(|cause| RunDirError::Unusable { path: base.to_owned(), cause })?.join(name);
@@ -308,7 +310,7 @@ impl RunDir {
         &self.path
     }
 
-    /// Removes the deployments of an earlier run, whose programs have ended.
+    /// Removes the folders of an earlier run's deployments. Their programs have ended.
     pub fn clear(&self) {
         drop(fs::remove_dir_all(of_others(&self.path)));
         for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
@@ -322,8 +324,8 @@ impl RunDir {
     /// Removes the socket of an earlier run.
     ///
     /// # Errors
-    /// It cannot be removed, or its lock is not a file that zenoh could lock: opening a pipe would wait for ever. Or
-    /// another node holds the lock, whose own lock was removed.
+    /// The socket cannot be removed. Or its lock is not a regular file: opening a pipe would wait for ever. Or another
+    /// node holds this lock, although its own lock was removed.
     pub fn remove_socket(&self) -> Result<(), RunDirError> {
         let socket = self.socket();
         if is_locked(&socket.with_extension("sock.lock")) {
@@ -334,7 +336,7 @@ impl RunDir {
         Ok(folder::check_kept(&socket.with_extension("sock.lock"), OPTION)?)
     }
 
-    /// Returns the proof, which only this user of this machine can read.
+    /// Returns the proof. Only this user can read it, and only on this machine.
     pub fn proof(&self) -> &str {
         &self.proof
     }
@@ -354,7 +356,7 @@ impl RunDir {
         self.path.join(format!("{}.{}", folder_name(&deployment.name), deployment.epoch))
     }
 
-    /// Returns the socket where the programs of a deployment talk to the node.
+    /// Returns the socket on which the programs of a deployment talk to the node.
     pub fn control_socket(&self, deployment: &Deployment) -> PathBuf {
         self.deployment(deployment).join(CONTROL_SOCKET)
     }
@@ -365,34 +367,35 @@ impl RunDir {
     }
 }
 
-/// Returns the longest path of a socket below the folder of a node.
+/// Returns the longest path that a socket has in the folder of a node.
 fn deepest_socket() -> String {
     format!("{OTHERS}/{}.{}/10000/data.sock", "d".repeat(NAME_MAX), u64::MAX)
 }
 
-/// Returns the folder, beside that of a node, for programs that run as another user: only the node may enter its own.
+/// Returns the folder beside a node's folder for programs that run as another user. Only the node may enter its own folder.
 fn of_others(node: &Path) -> PathBuf {
     let mut name = node.file_name().unwrap_or_default().to_owned();
     name.push(OTHERS);
     node.with_file_name(name)
 }
 
-/// Returns where a program, or a deployment, has its sockets if it runs as another user; `path` is its folder in that of the node, `node`.
+/// Returns the folder for the sockets of a program or a deployment, if it runs as another user. `path` is its folder
+/// inside the folder `node`.
 pub(crate) fn other(node: &Path, path: &Path) -> PathBuf {
     of_others(node).join(path.strip_prefix(node).unwrap_or(path))
 }
 
-/// Returns the user and the group of the program with this folder in that of its node, if it runs as another user.
+/// Returns the user and the group of a program, if it runs as another user. `process` is its folder inside the folder of its node.
 pub(crate) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
     let own = fs::symlink_metadata(other(node, process)).ok().filter(fs::Metadata::is_dir)?;
     (own.uid() != getuid().as_raw()).then(|| (own.uid(), own.gid()))
 }
 
-/// Makes the folder for the sockets of a program that runs as another user. Only that user may list it; the group of that
-/// user may enter the folders above it.
+/// Makes the folder for the sockets of a program that runs as another user. Only that user may list it. The group of
+/// that user may enter its parent folders.
 ///
 /// # Errors
-/// The file system refuses, or this is not root.
+/// The file system refuses, or the node is not root.
 pub(crate) fn make_other(node: &Path, process: &Path, uid: u32, gid: u32) -> io::Result<PathBuf> {
     let (others, own) = (of_others(node), other(node, process));
     if let Some(base) = others.parent() {
@@ -418,11 +421,11 @@ pub(crate) fn make_other(node: &Path, process: &Path, uid: u32, gid: u32) -> io:
 /// The file system refuses.
 pub fn make_process(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
-    // A lock that is a pipe would hold the program.
+    // If a lock were a pipe, the program would wait for it.
     DATA_FILES.iter().try_for_each(|name| remove_leftover(&path.join(name)))
 }
 
-/// Writes a secret random number to a file that only this user can read.
+/// Writes a random secret to a file that only this user can read.
 fn write_proof(path: &Path) -> io::Result<String> {
     let proof = format!("{:032x}", u128::from_le_bytes(entropy::bytes()?));
     let mut file = file::created(path, Privacy::Own)?;
@@ -430,25 +433,25 @@ fn write_proof(path: &Path) -> io::Result<String> {
     Ok(proof)
 }
 
-/// Makes a folder of this user, to which no other user can write; an existing folder has to meet the same conditions.
+/// Makes a folder that belongs to this user and that no other user can write to. An existing folder has to meet the same conditions.
 ///
 /// # Errors
-/// It cannot be made, is a link, or belongs to another user.
+/// The folder cannot be made, is a link, or belongs to another user.
 pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
     folder::check(path, OPTION)?;
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
     match (check_own(path), made) {
-        // "It does not exist" is less helpful than the reason why it could not be made.
+        // The reason why the folder could not be made is more helpful than that it does not exist.
         (Err(RunDirError::Unusable { cause, .. }), Err(why)) if cause.kind() == io::ErrorKind::NotFound => {
             Err(unusable(why))
         }
-        // The fault of an existing folder is a more helpful reason than that the folder cannot be made.
+        // If the folder exists, what is wrong with it is more helpful than that it cannot be made.
         (checked, made) => checked.and_then(|()| made.map_err(unusable)),
     }
 }
 
-/// Checks that a folder belongs to this user and no other user can write to it.
+/// Checks that a folder belongs to this user, and that no other user can write to it.
 fn check_own(path: &Path) -> Result<(), RunDirError> {
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let found = fs::symlink_metadata(path).map_err(unusable)?;
@@ -477,7 +480,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::symlink;
 
-    /// A stranger who makes the folder first must not answer for the nodes.
+    /// Another user may have made the folder first. Such a user must not answer in place of the nodes.
     #[test]
     fn a_folder_of_somebody_else_is_refused() {
         let folder = std::env::temp_dir().join(format!("dca-own-{}", std::process::id()));
@@ -508,7 +511,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A node clears its folders when it starts, and a command clears those of killed commands.
+    /// When a node starts, it clears its folders. A command clears the folders of killed commands.
     #[test]
     fn no_node_has_the_name_of_a_folder_that_others_clear() {
         let base = Path::new("/run/dca");
@@ -516,7 +519,7 @@ mod tests {
             let name = folder.file_name().unwrap().to_str().unwrap();
             assert!(comms::logic::key::HostName::parse(name).is_err(), "{name}");
         }
-        // Nodes with the names that such folders had keep theirs.
+        // Nodes whose names look like those of such folders keep their folders.
         let base = std::env::temp_dir().join(format!("dca-names-{}", std::process::id()));
         let living = ["c1.u", "run-999999999"].map(|name| RunDir::take(&base, name).unwrap());
         fs::create_dir_all(living[0].path().join("door.1")).unwrap();
@@ -529,14 +532,14 @@ mod tests {
 
     #[test]
     fn a_folder_that_cannot_be_made_says_why() {
-        // Even root cannot make anything there.
+        // Even root cannot make a folder there.
         let error = RunDir::take(Path::new("/proc/1/dca"), "c1").unwrap_err().to_string();
         assert!(error.contains("cannot use the folder `/proc/1/dca`"), "{error}");
         let made = fs::create_dir("/proc/1/dca").unwrap_err();
         assert!(error.contains(&made.to_string()), "{error}: {made}");
     }
 
-    /// A killed node is still being removed by the kernel while its successor starts.
+    /// The kernel still removes a killed node while its successor starts.
     #[test]
     fn a_holder_that_is_leaving_is_waited_for() {
         let base = std::env::temp_dir().join(format!("dca-leaving-{}", std::process::id()));

@@ -1,5 +1,6 @@
-//! The secrets of programs: read in the database when a program is started, opened with the keys of this node, and handed to the shim
-//! over a pipe. They are in no file, argument, environment, message or log of a node.
+//! The secrets of programs. When a program is started, its secrets are read from the database and opened with the keys
+//! of this node. The shim gets them over a pipe. No file, argument, environment, message or log of a node contains
+//! them.
 
 use crate::io::caller;
 use crate::io::database::Handle;
@@ -18,16 +19,16 @@ use team::member::Member;
 use trust::seal::{SealError, Sealed, Secret};
 use zeroize::Zeroizing;
 
-/// How long the database has to answer.
+/// How long the database may take to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
-/// Opens the values that the database has sealed for this node.
+/// Opens the values that are sealed for this node in the database.
 #[derive(Debug)]
 pub(crate) struct Secrets {
     member: Option<Arc<Member>>,
     database: Handle,
     host: String,
-    /// Numbers its requests downwards, apart from those of the node's callers.
+    /// The number of its next request. It counts downwards, so that the numbers differ from those of other callers of the node.
     next: AtomicU64,
 }
 
@@ -36,10 +37,10 @@ impl Secrets {
         Self { member, database, host: host.to_owned(), next: AtomicU64::new(u64::MAX) }
     }
 
-    /// Returns the secrets at these keys, as a shim reads them.
+    /// Returns the secrets of these keys, in the form that a shim reads.
     ///
     /// # Errors
-    /// If this node cannot read one of them: the reason, and advice.
+    /// This node cannot read one of them. The error has the reason and advice.
     ///
     /// # Cancellation
     /// Safe.
@@ -48,17 +49,17 @@ impl Secrets {
         for key in keys {
             secrets.push(self.secret(key).await?);
         }
-        // Allocated at full size from the start: a buffer that grows leaves copies behind.
+        // The buffer has its full size from the start: a buffer that grows leaves copies in the memory.
         let size = secrets.iter().map(|secret| secret.expose().len() + size_of::<u32>()).sum();
         let mut bytes = Zeroizing::new(Vec::with_capacity(size));
         secrets.iter().for_each(|secret| protocol::secret(secret.expose(), &mut bytes));
         Ok(SecretBytes::from(bytes))
     }
 
-    /// Returns the secret at a key.
+    /// Returns the secret of a key.
     ///
     /// # Errors
-    /// As of [`Secrets::open`].
+    /// The same as for [`Secrets::open`].
     ///
     /// # Cancellation
     /// Safe.
@@ -85,7 +86,7 @@ impl Secrets {
         })
     }
 
-    /// Returns the value of a key.
+    /// Returns the stored value of a key.
     async fn stored(&self, key: Key) -> anyhow::Result<Option<Datum>> {
         let (caller, mut answers) = caller::answers();
         self.database.call(self.next.fetch_sub(1, Ordering::Relaxed), Question::Get { key }, Some(caller));

@@ -1,4 +1,4 @@
-//! The notices of a node to the service manager that has started it: ready, leaving, and alive.
+//! The notices of a node to the service manager that has started it: it is ready, it is ending, it is alive.
 //!
 //! The manager names a socket and an interval in the environment. If it does not, the node sends no notices. Source: sd_notify(3),
 //! sd_watchdog_enabled(3).
@@ -12,16 +12,16 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many signs of life the node gives in the time in which the manager expects one.
+/// How many times the node reports that it is alive in the manager's interval.
 const SIGNS_PER_INTERVAL: u32 = 3;
 
 /// The service manager of this process, if it has one.
 #[derive(Clone, Debug, Default)]
 pub struct ServiceManager {
     socket: Option<Arc<UnixDatagram>>,
-    /// How often the turn of the loop is reported.
+    /// How often a pass of the loop is reported.
     every: Option<Duration>,
-    /// The time of the next report.
+    /// When the next report is due.
     due: Option<Time>,
 }
 
@@ -29,7 +29,7 @@ impl ServiceManager {
     /// Returns the manager that the environment of this process names.
     ///
     /// # Errors
-    /// If it names a socket that cannot be reached.
+    /// The environment names a socket that cannot be reached.
     pub fn of_environment() -> io::Result<Self> {
         let Some(socket) = std::env::var_os("NOTIFY_SOCKET") else { return Ok(Self::default()) };
         let variable = |name| std::env::var(name).ok();
@@ -37,7 +37,7 @@ impl ServiceManager {
         Self::at(&socket, every)
     }
 
-    /// Returns the manager behind a socket: a path, or `@` and a name that is in no file system.
+    /// Returns the manager behind a socket. The socket is a path, or `@` and a name that is in no file system.
     fn at(socket: &OsStr, every: Option<Duration>) -> io::Result<Self> {
         let address = match socket.as_bytes().strip_prefix(b"@") {
             Some(name) => SocketAddr::from_abstract_name(name)?,
@@ -45,7 +45,7 @@ impl ServiceManager {
         };
         let socket = UnixDatagram::unbound()?;
         socket.connect_addr(&address)?;
-        // A manager that does not read must not hold the node up.
+        // A manager that does not read must not delay the node.
         socket.set_nonblocking(true)?;
         Ok(Self { socket: Some(Arc::new(socket)), every, due: every.map(|_| Time::ZERO) })
     }
@@ -55,12 +55,12 @@ impl ServiceManager {
         self.tell(&format!("READY=1\nSTATUS=the node `{name}` is ready"));
     }
 
-    /// Reports that the node ends its programs, and then itself.
+    /// Reports that the node is ending: first its programs, then itself.
     pub fn leaving(&self) {
         self.tell("STOPPING=1");
     }
 
-    /// Returns when [`ServiceManager::turn`] wants to be called; never if no manager watches.
+    /// Returns when [`ServiceManager::turn`] has to be called; never if no manager watches the node.
     pub fn due(&self) -> Option<Time> {
         self.due
     }
@@ -80,7 +80,7 @@ impl ServiceManager {
     }
 }
 
-/// Returns how often the loop has to give a sign of life, as the manager's variables have it; `pid` is this process.
+/// Returns how often the loop has to report that it is alive, according to the manager's variables. `pid` is this process.
 fn watchdog(interval_us: Option<String>, meant: Option<String>, pid: u32) -> Option<Duration> {
     let is_meant = meant.is_none_or(|meant| meant.parse() == Ok(pid));
     let interval = interval_us?.parse().ok().filter(|us| *us > 0)?;

@@ -1,5 +1,5 @@
-//! Starts programs, and closes and removes their remains, one after the other and beside the loop of the node: a file
-//! system may take long.
+//! Starts programs, closes deployments and removes their files. It does one job after the other, beside the loop of the
+//! node: a file system may be slow.
 
 mod others;
 
@@ -27,26 +27,27 @@ use std::sync::atomic::AtomicU64;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::{AbortHandle, JoinSet};
 
-/// How many jobs wait: every program of a few large plans.
+/// The most jobs that wait: every program of a few large plans.
 pub(crate) const JOBS_MAX: usize = 32_768;
-/// How many orders wait for one shim.
+/// The most orders that wait for one shim.
 pub(crate) const ORDERS_MAX: usize = 64;
 
-/// A job beside the loop.
+/// A job that is done beside the loop.
 #[derive(Debug)]
 pub(crate) enum Job {
     Start(Box<Start>),
-    /// A program that a killed node has left.
+    /// A program of a killed node that has to be reached again.
     Adopt(Box<Adopted>),
-    /// No program of this deployment will connect any more. The fields are the folder of the deployment and that of the node.
+    /// No further program of this deployment will connect. `folder` is the folder of the deployment, and `node` is the
+    /// folder of the node.
     Close {
         deployment: Deployment,
         folder: PathBuf,
         node: PathBuf,
     },
-    /// The output of the deployment with this folder is no longer needed.
+    /// The output of the deployment in this folder is no longer needed.
     Remove(PathBuf),
-    /// The shim of the program with this folder has not ended it in time.
+    /// The shim of the program in this folder has not ended the program in time.
     Kill(PathBuf),
 }
 
@@ -54,12 +55,12 @@ pub(crate) enum Job {
 #[derive(Debug)]
 pub(crate) struct Start {
     pub(crate) process: ProcessId,
-    /// As the agent wants it.
+    /// The order of the agent.
     pub(crate) order: SpawnOrder,
     pub(crate) shim: ShimStart,
-    /// Why it cannot be started, if so.
+    /// The reason why the program cannot be started, if there is one.
     pub(crate) obstacle: Option<String>,
-    /// The socket where the program connects, if it does.
+    /// The socket to which the program connects, if it connects at all.
     pub(crate) control: Option<PathBuf>,
     /// The folder of the node.
     pub(crate) node: PathBuf,
@@ -67,12 +68,12 @@ pub(crate) struct Start {
     pub(crate) orders: Receiver<ShimOrder>,
 }
 
-/// A program of a killed node, to be reached again.
+/// A program of a killed node that has to be reached again.
 #[derive(Debug)]
 pub(crate) struct Adopted {
-    /// How it is started, if it never was.
+    /// How to start the program if it was never started.
     pub(crate) start: Start,
-    /// Its fate up to now.
+    /// The known state of the program.
     pub(crate) program: Attachment,
 }
 
@@ -84,12 +85,12 @@ pub(crate) struct Starter {
     secrets: Arc<Secrets>,
     database: ProgramDatabase,
     events: Sender<Event>,
-    /// How many programs have connected.
+    /// The number of programs that have connected.
     connected: Arc<AtomicU64>,
-    /// Also by the socket: programs that run as another user have a separate one.
+    /// The tasks that accept programs, by deployment and socket: programs that run as another user have a separate socket.
     listeners: BTreeMap<(Deployment, PathBuf), AbortHandle>,
     tasks: JoinSet<()>,
-    /// Programs of a killed node that are being reached.
+    /// Programs of a killed node that are being reached now.
     attaching: JoinSet<(Adopted, Reached)>,
 }
 
@@ -117,7 +118,7 @@ impl Starter {
     /// Does jobs until there are no more.
     ///
     /// # Cancellation
-    /// The programs it has started are not heard any more.
+    /// The programs that it has started are not heard any more.
     pub(crate) async fn run(mut self, mut jobs: Receiver<Job>) {
         loop {
             while self.tasks.try_join_next().is_some() {}
@@ -136,13 +137,13 @@ impl Starter {
                     self.database.forget(&deployment);
                     let ended = self.listeners.extract_if(.., |(of, _), _| *of == deployment);
                     ended.for_each(|(_, listener)| listener.abort());
-                    // This runs in this task, so that no other program is started in the folder at the same time.
+                    // This task waits for it, so that no program is started in the folder at the same time.
                     let removing = tokio::task::spawn_blocking(move || run_dir::remove_sockets(&node, &folder));
                     if let Err(error) = removing.await {
                         tracing::error!(%error, "the sockets of a deployment cannot be removed");
                     }
                 }
-                // This runs in this task, so that no other program is started in the folder at the same time.
+                // This task waits for it, so that no program is started in the folder at the same time.
                 Job::Kill(dir) => {
                     if let Err(error) = tokio::task::spawn_blocking(move || leftovers::kill_shim(&dir)).await {
                         tracing::error!(%error, "a shim cannot be killed");
@@ -157,11 +158,11 @@ impl Starter {
         }
     }
 
-    /// Reaches a program again; a program that never started is started.
+    /// Begins to reach a program again.
     fn adopt(&mut self, adopted: Adopted) {
         let Start { process, order, shim, control, node, .. } = &adopted.start;
         self.database.connect(order);
-        // The program got its socket to the node at its start.
+        // The program keeps the socket to the node that it got at its start.
         let user = run_dir::user_of(node, &shim.dir);
         let control = control.as_ref().map(|path| user.map_or_else(|| path.clone(), |_| run_dir::other(node, path)));
         let at = (process.deployment.clone(), control.unwrap_or_default());
@@ -175,7 +176,7 @@ impl Starter {
         self.attaching.spawn_blocking(move || (adopted, reach(&dir, reports)));
     }
 
-    /// Goes on with a program that was reached again, or with its known end.
+    /// Continues with a program that was reached again, starts a program that never ran, or reports the end of a program.
     async fn reached(&mut self, adopted: Adopted, reached: Reached) {
         let Adopted { start, program } = adopted;
         let process = start.process.clone();
@@ -224,7 +225,7 @@ impl Starter {
         }
     }
 
-    /// Starts the shim of a program, if the policy of this host admits the program. The policy is checked before the secrets are opened.
+    /// Starts the shim of a program, if the policy of this host allows the program. The policy is checked before secrets are opened.
     async fn try_start(
         &mut self,
         order: SpawnOrder,
@@ -264,7 +265,7 @@ impl Starter {
     }
 }
 
-/// Returns why a program was not started: its shim has the arguments and the environment of the program as its own.
+/// Returns why a program was not started. Its shim gets the arguments and the environment of the program, so these may be too long.
 fn not_started(error: io::Error, shim: &Path) -> anyhow::Error {
     let is_too_long = error.raw_os_error() == Some(Errno::TOOBIG.raw_os_error());
     let error = anyhow::Error::from(error);
@@ -274,8 +275,8 @@ fn not_started(error: io::Error, shim: &Path) -> anyhow::Error {
     error.context(format!("starting {}", shim.display()))
 }
 
-/// Passes on the reports of a shim, until it is gone. A shim that was attached to counts as reached once it has sent
-/// the `missed` reports.
+/// Passes on the reports of a shim until the shim is gone. If this node has attached to the shim, the shim counts as
+/// reached after the `missed` reports.
 async fn hear(process: ProcessId, reports: ShimReports, mut missed: Option<usize>, events: Sender<Event>) {
     let (sink, mut arriving) = mpsc::channel(16);
     let forwarding = async {

@@ -24,13 +24,13 @@ use std::path::{Path, PathBuf};
 pub const OPTION: &str = "--state";
 /// The file in the run folder of a node that names the folder with its state.
 const TOLD: &str = "state";
-/// The longest path of it, in bytes. Source: limits.h, Linux.
+/// The longest path of a state folder, in bytes. Source: limits.h, Linux.
 const TOLD_MAX: usize = 4096;
 
-/// Returns the folder of a node below `base`, or below the system's folder for state; makes it.
+/// Returns the folder of a node in `base`, or else in the system's folder for state. Makes the folder if necessary.
 ///
 /// # Errors
-/// There is no such folder, or it cannot be made, though the disk can be written.
+/// No folder is known, or it cannot be made although the disk can be written.
 pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     let base = match base {
         Some(base) => base.to_owned(),
@@ -39,11 +39,11 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     let folder = std::path::absolute(&base)?.join(name);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(&folder);
     match made {
-        // A node that can write nothing still runs: its database reports why it takes no writes.
+        // A node that cannot write still runs: its database then reports why it takes no writes.
         Err(error) if error.kind() == ErrorKind::ReadOnlyFilesystem => {}
         made => made.map_err(|cause| folder::refused(&folder, cause, OPTION))?,
     }
-    // The base may be a link: it is where an administrator wants it. The node's own folder is not.
+    // The base may be a link that an administrator has made. The node's own folder must not be a link.
     let is_own = |found: Metadata| found.is_dir() && found.uid() == rustix::process::getuid().as_raw();
     anyhow::ensure!(
         std::fs::symlink_metadata(&folder).map_or(true, is_own),
@@ -53,7 +53,7 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     Ok(folder)
 }
 
-/// Returns the folder that the system has for the states of this user's nodes.
+/// Returns the system's folder for the states of this user's nodes.
 pub fn default_base() -> Option<PathBuf> {
     if rustix::process::getuid().is_root() {
         return Some(PathBuf::from("/var/lib/dca"));
@@ -62,7 +62,7 @@ pub fn default_base() -> Option<PathBuf> {
     folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state"))).map(|base| base.join("dca"))
 }
 
-/// Writes into the run folder of a node where its state is, for commands of this user.
+/// Writes the path of a node's state into its run folder. Commands of this user read it there.
 ///
 /// # Errors
 /// The disk refuses.
@@ -72,10 +72,10 @@ pub(crate) fn tell(run: &Path, state: &Path) -> Result<(), FolderError> {
     written.map_err(|cause| FolderError::kept(&path, cause, run_dir::OPTION))
 }
 
-/// Returns the place of the node's state, as noted in its run folder below `base`; none if no such node has run there,
-/// or it has no state.
+/// Returns the path of a node's state, as noted in its run folder in `base`. Returns nothing if no such node has run
+/// there, or if it has no state.
 pub fn told(base: &Path, name: &str) -> Option<PathBuf> {
-    // A name comes from a person: it must not lead elsewhere.
+    // The name comes from a person, so it must not lead to another folder.
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
     let path = file::bytes(&base.join(name).join(TOLD), TOLD_MAX).ok().filter(|path| plain && !path.is_empty())?;
     Some(PathBuf::from(OsString::from_vec(path)))

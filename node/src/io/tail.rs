@@ -1,7 +1,7 @@
-//! Sends the output of programs to a caller, as it grows.
+//! Sends the output of programs to a caller as it grows.
 //!
-//! A program's output is a file that is put aside when it is long, so there are at most two (`dca-shim`). A `Reader`
-//! keeps its file open, so that nothing is lost when the file is put aside during the read.
+//! The output of a program is in a file. If the file is long, it is put aside, so there are at most two files
+//! (`dca-shim`). A `Reader` keeps its file open. So no output is lost if the file is put aside during the read.
 
 use crate::io::caller::Caller;
 use crate::logic::output_lines::GAP;
@@ -15,19 +15,19 @@ use std::path::PathBuf;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// How often followed files are looked at.
+/// How often a followed file is read again.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// How many pieces may wait to be sent before no more is read.
+/// The most pieces that wait to be sent. If there are more, no more output is read.
 const BACKLOG_MAX: usize = 64;
 /// How much of a program's output is sent at once.
 const CHUNK: usize = 64 * 1024;
 
-/// Tells when a deployment is over, so that its programs write no more.
+/// Shows when a deployment is over. Then its programs write no more output.
 #[derive(Debug)]
 pub struct DeploymentEnd(Option<watch::Receiver<()>>);
 
 impl DeploymentEnd {
-    /// Returns a handle that ends when `living` is dropped; without it the deployment is already over.
+    /// Returns a value that reports the end when `living` is dropped. Without `living`, the deployment is already over.
     pub fn new(living: Option<&watch::Sender<()>>) -> Self {
         Self(living.map(watch::Sender::subscribe))
     }
@@ -36,7 +36,7 @@ impl DeploymentEnd {
         self.0.as_ref().is_none_or(|living| living.has_changed().is_err())
     }
 
-    /// Waits until it is over.
+    /// Waits until the deployment is over.
     ///
     /// # Cancellation
     /// Safe.
@@ -47,12 +47,12 @@ impl DeploymentEnd {
     }
 }
 
-/// Reads the kept output of one program from its beginning.
+/// Reads all available output of one program.
 #[derive(Debug)]
 struct Reader {
     dir: PathBuf,
     file: Option<File>,
-    /// Whether the file has been put aside, so that nothing more is added to it.
+    /// Whether the file has been put aside. Then it does not grow any more.
     is_aside: bool,
 }
 
@@ -61,7 +61,7 @@ impl Reader {
         Self { dir, file: None, is_aside: false }
     }
 
-    /// Returns the next bytes; empty until the program writes more.
+    /// Returns the next bytes. They are empty while the program writes nothing more.
     fn read(&mut self) -> io::Result<Vec<u8>> {
         let mut chunk = vec![0; CHUNK];
         loop {
@@ -80,7 +80,7 @@ impl Reader {
             }
             let this = id(&file.metadata()?);
             if self.is_aside {
-                // The next file is the one that was put aside after it, else the current one.
+                // The next file is the one that was put aside after this file, or else the current file.
                 let old = self.open(OUTPUT_FILE_OLD)?;
                 let missed = old.filter(|old| old.metadata().is_ok_and(|old| id(&old) != this));
                 let is_aside = missed.is_some();
@@ -89,7 +89,7 @@ impl Reader {
                 };
                 (self.is_aside, self.file) = (is_aside, Some(next));
                 if is_aside {
-                    // Between these two files, others may have been put aside and removed.
+                    // Between these two files, other files may have been put aside and removed.
                     return Ok(format!("\n{GAP}\n").into_bytes());
                 }
             } else if self.is_current(this) {
@@ -99,7 +99,7 @@ impl Reader {
                 }
                 return Ok(Vec::new());
             } else {
-                // The file was put aside, perhaps after an addition that was not read yet: it is read once more.
+                // The file was put aside. It may have grown before that, so it is read once more.
                 self.is_aside = true;
             }
         }
@@ -110,7 +110,7 @@ impl Reader {
     }
 
     fn open(&self, name: &str) -> io::Result<Option<File>> {
-        // The program can also write to the folder: the target of a link is not shown.
+        // The program can write to the folder as well, so the target of a link is not shown.
         match file::opened_itself(&self.dir.join(name)) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -119,7 +119,7 @@ impl Reader {
     }
 }
 
-/// Goes back to the beginning of a file that has become shorter than the part that was read; returns whether it has.
+/// If a file has become shorter than the part that was read, goes back to its beginning. Returns whether this is so.
 fn file_is_shorter(file: Option<&mut File>) -> io::Result<bool> {
     let Some(file) = file else { return Ok(false) };
     let is_shorter = file.metadata()?.len() < file.stream_position()?;
@@ -133,22 +133,22 @@ fn id(file: &std::fs::Metadata) -> (u64, u64) {
     (file.dev(), file.ino())
 }
 
-/// Sends the output of the program in `dir`, and with `follow` its further output, until its deployment is over.
+/// Sends the output of the program in `dir`. With `follow`, also sends its later output, until its deployment is over.
 ///
 /// # Cancellation
-/// Safe: nothing is owned but the file.
+/// Safe: only the file is owned.
 pub async fn tail(dir: PathBuf, follow: bool, over: DeploymentEnd, caller: Caller) {
     let over = if follow { over } else { DeploymentEnd(None) };
-    // An empty output is sent as well: a call that ends without any answer looks as if it had not arrived.
+    // An empty output is sent first: a call that ends without any answer would look as if it had not arrived.
     if caller.send(Answer::Output(Vec::new())).await {
         send(vec![Reader::new(dir)], over, caller, |_, bytes| Answer::Output(bytes)).await;
     }
 }
 
-/// Sends all that some programs (path, folder) have written and write, until their deployment is over.
+/// Sends all output of some programs (path, folder), also later output, until their deployment is over.
 ///
 /// # Cancellation
-/// Safe: nothing is owned but the files.
+/// Safe: only the files are owned.
 pub async fn all(programs: Vec<(String, PathBuf)>, over: DeploymentEnd, caller: Caller) {
     let (paths, dirs): (Vec<String>, Vec<PathBuf>) = programs.into_iter().unzip();
     let readers = dirs.into_iter().map(Reader::new).collect();
@@ -159,9 +159,9 @@ pub async fn all(programs: Vec<(String, PathBuf)>, over: DeploymentEnd, caller: 
     }
 }
 
-/// Sends the output that the readers find, a chunk of each at a time, so that a program with much output does not delay
-/// the others. A file that cannot be read is left out from there on, and the caller is told at the end that the output
-/// is incomplete.
+/// Sends the output of all readers. It takes one chunk of each reader at a time, so that a program with much output
+/// does not delay the others. If a file cannot be read, the rest of it is left out. The caller is told at the end that
+/// the output is incomplete.
 async fn send(
     readers: Vec<Reader>,
     mut over: DeploymentEnd,
@@ -173,14 +173,14 @@ async fn send(
     let mut interval = tokio::time::interval(LOOK_EVERY);
     loop {
         if caller.waiting() > BACKLOG_MAX {
-            // The caller takes the output more slowly than the programs write it. The files can wait, but this node's memory must
-            // not grow.
+            // The caller receives the output more slowly than the programs write it. The files can wait, but the memory
+            // of this node must not grow.
             tokio::select! {
                 _ = interval.tick() => continue,
                 () = caller.closed() => return,
             }
         }
-        // The end is looked for first, so that all output from before the end is found afterwards.
+        // This is checked before reading, so that all output from before the end is read afterwards.
         let is_over = over.is_over();
         let reading = tokio::task::spawn_blocking(move || {
             let found = readers.iter_mut().map(|(index, reader)| (*index, reader.read())).collect::<Vec<_>>();
@@ -232,7 +232,7 @@ mod tests {
         std::iter::from_fn(|| Some(reader.read().unwrap()).filter(|bytes| !bytes.is_empty())).flatten().collect()
     }
 
-    /// A program's folder, as its shim fills it.
+    /// The folder of a program, with the files of its shim.
     struct Folder(PathBuf);
 
     impl Folder {
@@ -288,7 +288,7 @@ mod tests {
         folder.rotate();
         folder.write("c");
         assert_eq!((read(), read(), read()), ("b".into(), "c".into(), String::new()));
-        // Rotated twice between two looks: the last file put aside is still there, and others may have been before it.
+        // The file was put aside twice between two reads. The last one is still there, but earlier ones may be missing.
         folder.write("d");
         folder.rotate();
         folder.write("e");
@@ -299,7 +299,7 @@ mod tests {
         assert_eq!((read(), whole(&folder.0)), ("f".into(), b"ef".to_vec()));
     }
 
-    /// A folder is in the place of the file: it opens, and cannot be read.
+    /// There is a folder in the place of the file. It can be opened, but not read.
     #[tokio::test(flavor = "multi_thread")]
     async fn what_cannot_be_read_is_told_and_does_not_hide_the_others() {
         let (one, other) = (Folder::new("unreadable"), Folder::new("readable"));

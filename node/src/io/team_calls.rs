@@ -1,10 +1,10 @@
-//! The calls that a node answers at once as a member of its team.
+//! Calls that a node answers at once as a member of its team.
 
 use crate::logic::protocol::{Answer, TeamOfNode};
 use team::member::Member;
 use trust::revocation::RevokedSet;
 
-/// Takes in the revocations that a client on this machine, or another node, reports.
+/// Adds revocations that a client on this machine, or another node, reports.
 pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
     let read = RevokedSet::from_bytes(set).map_err(anyhow::Error::from);
@@ -14,7 +14,7 @@ pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     }
 }
 
-/// Takes in sets of revocations, and returns all sets that this node holds.
+/// Adds sets of revocations. Returns all sets that this node has.
 pub(super) fn revocations(member: Option<&Member>, told: &[Vec<u8>]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
     match member.tell_revoked(told) {
@@ -23,7 +23,7 @@ pub(super) fn revocations(member: Option<&Member>, told: &[Vec<u8>]) -> Answer {
     }
 }
 
-/// Renews the certificate of a user, if this node may.
+/// Renews the certificate of a user, if this node has the right to do this.
 pub(super) fn renew_user(member: Option<&Member>, ask: &[u8]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
     match member.renew_user(ask) {

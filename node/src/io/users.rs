@@ -1,4 +1,4 @@
-//! The users of this machine, as its own files name them. Source: passwd(5), group(5).
+//! The users of this machine, according to its files. Source: passwd(5), group(5).
 
 use anyhow::Context;
 use comms::io::file;
@@ -19,7 +19,7 @@ pub(crate) struct User {
     pub(crate) account: Account,
 }
 
-/// Returns a user with all groups; none if the machine has no such user.
+/// Returns a user with all of its groups; nothing if the machine has no such user.
 ///
 /// # Errors
 /// The files cannot be read.
@@ -28,7 +28,7 @@ pub(crate) fn named(name: &str) -> anyhow::Result<Option<User>> {
     Ok(user(name, &users, &groups))
 }
 
-/// Returns the name of the user of this process, or its number where it has no name.
+/// Returns the name of the user of this process, or the user id without a name.
 pub(crate) fn own_name() -> String {
     let own = getuid().as_raw();
     let users = text(USERS).unwrap_or_default();

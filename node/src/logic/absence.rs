@@ -1,19 +1,19 @@
 //! Hosts that do not answer, and deployments that have ended although some hosts have not confirmed the end.
 //!
-//! A lost host may still run its programs. So a deployment that is over at its home stays here as an *open end* until
-//! each host that has not reported its end has confirmed that nothing of the deployment is left. The home asks such a
-//! host when the host returns, and at intervals after that. The journal records the open ends, so a home that is
-//! restarted keeps asking.
+//! A lost host may still run its programs. So a deployment that is over at its home stays here as an *open end*. It
+//! stays open until every host has confirmed that nothing of the deployment is left there. When a host that has not
+//! confirmed returns, the home asks it, and asks again at intervals. The journal records the open ends, so a restarted
+//! home keeps asking.
 //!
-//! While the home itself cannot be reached, each participant of a deployment keeps its end open instead. That end is
-//! closed when the home returns, since the home then answers for itself. A host that could not end every program
-//! reports this each time it is asked, until the last program has ended. A restart of the host's node also closes the end,
-//! because the new node ends what its predecessor has left.
+//! While the home itself cannot be reached, each participant of a deployment keeps the end open instead. A participant
+//! closes it when the home returns, since the home then answers for the deployment. A host that could not end every
+//! program reports this each time it is asked, until the last program has ended. A restart of the host's node also
+//! closes the end, because the new node ends everything that its predecessor has left.
 //!
-//! A node that ends on request announces this to the others. They do not list its host, and never say that something may run there.
+//! A node that ends on request announces this to the others. They do not list its host, and never say that something may still run there.
 //!
-//! Hosts are kept for [`HOSTS_KEPT`], open ends until they are confirmed or a user has them forgotten. The number of both
-//! is limited, and the oldest goes first.
+//! A host is listed for [`HOSTS_KEPT`], and an open end is kept until it is confirmed or a user has the node forget it.
+//! The number of both is limited, and the oldest is dropped first.
 
 use super::effect::{Effect, Out};
 use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToParticipant, Why};
@@ -22,9 +22,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long a host that does not answer is listed.
+/// How long a host that does not answer stays in the list.
 pub const HOSTS_KEPT: Duration = Duration::from_secs(3600);
-/// How many such hosts are listed.
+/// How many hosts that do not answer are listed.
 const HOSTS_MAX: usize = 256;
 /// How many open ends are kept.
 pub const ENDS_MAX: usize = 64;
@@ -52,18 +52,18 @@ struct End {
 pub struct Absence {
     host: String,
     gone: BTreeMap<String, LostHost>,
-    /// Hosts whose nodes announced that they end, and that nothing is left there.
+    /// Hosts whose nodes announced that they leave, and that nothing is left to run there.
     left: BTreeSet<String>,
     ends: BTreeMap<Deployment, End>,
     ask_at: Time,
 }
 
 impl Absence {
-    /// Returns the open ends that the node `host` knows at its start: the deployments of its journal that were not
-    /// over, with their hosts.
+    /// Returns the absence that the node `host` knows at its start. The open ends are the deployments of its journal
+    /// that were not over, with their hosts.
     pub fn new(host: &str, open: Vec<(Deployment, Vec<String>)>, now: Time) -> Self {
         let end = |hosts: Vec<String>| {
-            // This node ended everything its predecessor on this host had left before it began.
+            // This node has already ended everything that its predecessor on this host had left.
             let others = hosts.into_iter().filter(|other| other != host);
             End { home: host.to_owned(), hosts: others.map(|other| (other, Why::Restarted)).collect(), since: now }
         };
@@ -71,8 +71,8 @@ impl Absence {
         Self { host: host.to_owned(), gone: BTreeMap::new(), left: BTreeSet::new(), ends, ask_at: now }
     }
 
-    /// Takes the message of a node that leaves after ending everything it started. The silence of that node then needs
-    /// no attention.
+    /// Takes the message of a node that leaves after it has ended everything it started. The later silence of that node
+    /// needs no attention.
     pub fn leaves(&mut self, host: &str) {
         self.gone.remove(host);
         self.left.insert(host.to_owned());
@@ -81,7 +81,7 @@ impl Absence {
         }
     }
 
-    /// Takes note that a host does not answer, since its last answer.
+    /// Notes that a host does not answer any more; `heard` is the time of its last answer.
     pub fn missing(&mut self, host: &str, heard: Time) {
         if self.left.contains(host) {
             return;
@@ -93,13 +93,13 @@ impl Absence {
         }
     }
 
-    /// Takes note that a host is lost.
+    /// Notes that a host is lost.
     pub fn lost(&mut self, host: &str, heard: Time) {
         self.missing(host, heard);
         self.gone.entry(host.to_owned()).and_modify(|gone| gone.lost = true);
     }
 
-    /// Takes note that a node answers.
+    /// Notes that a node answers.
     pub fn appeared(&mut self, now: Time, host: &str) {
         self.gone.remove(host);
         self.left.remove(host);
@@ -108,7 +108,7 @@ impl Absence {
         self.ask_at = self.ask_at.min(now);
     }
 
-    /// Keeps the end of a deployment that these hosts have not confirmed. At its home, an end without such hosts is final.
+    /// Keeps the end of a deployment open that these hosts have not confirmed. If a home has no such hosts, the end is final.
     pub fn open(&mut self, now: Time, deployment: Deployment, home: &str, hosts: BTreeMap<String, Why>) {
         self.ends.insert(deployment, End { home: home.to_owned(), hosts, since: now });
         self.ask_at = now;
@@ -127,17 +127,17 @@ impl Absence {
         why.into_iter().for_each(|why| *why = Why::Unable);
     }
 
-    /// Returns whether some host has not confirmed that nothing of a deployment is left there.
+    /// Returns whether at least one host has not confirmed that nothing of a deployment is left there.
     pub fn is_open(&self, deployment: &Deployment) -> bool {
         self.ends.get(deployment).is_some_and(|end| !end.hosts.is_empty())
     }
 
-    /// Returns the hosts that have not confirmed that nothing of a deployment is left.
+    /// Returns the hosts that have not confirmed that nothing of a deployment is left there.
     pub fn unconfirmed(&self, deployment: &Deployment) -> BTreeSet<&String> {
         self.ends.get(deployment).into_iter().flat_map(|end| end.hosts.keys()).collect()
     }
 
-    /// Forgets an open end at the request of a user; returns whether there was one.
+    /// Forgets an open end at the request of a user; returns whether the end was known.
     pub fn forget(&mut self, deployment: &Deployment) -> bool {
         self.ends.get_mut(deployment).map(|end| end.hosts.clear()).is_some()
     }
@@ -180,7 +180,7 @@ impl Absence {
         self.gone.keys().map(String::as_str)
     }
 
-    /// Returns the wanted hosts: those that do not answer, and those that have not confirmed an end.
+    /// Returns the hosts that are looked for: hosts that do not answer, and hosts that have not confirmed an end.
     pub fn wanted(&self) -> impl Iterator<Item = &str> {
         self.hosts().chain(self.ends.values().flat_map(|end| end.hosts.keys().map(String::as_str)))
     }

@@ -1,9 +1,10 @@
-//! The attachments of an agent to the world: programs with their channels, open calls, and epochs on their way to the disk.
+//! Everything that an agent is attached to: programs with their channels, open calls, and epochs that are being written to the disk.
 //!
-//! The state of a killed agent is rebuilt from its inputs (`io/input_log`). Its effects are rebuilt as well, although
-//! they have happened already. Numbers show which of them have arrived: every message on the channels of a program is
-//! counted from its start, at both ends. A program that was reached again says how many orders it has, a node says how
-//! many notices; only the rest is sent again. Orders are kept until a notice shows that they were taken.
+//! The state of a killed agent is rebuilt from its inputs (`io/input_log`). Its effects are made once more by this,
+//! although they have already happened. Numbers show which of the effects have arrived: both ends of a program's
+//! channels count every message from the start. When a program is reached again, it says how many orders it has
+//! received, and the node says how many notices. Only the rest is sent again. Orders are kept until a notice shows that
+//! the program has received them.
 
 use crate::logic::agent::Input;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
@@ -13,49 +14,49 @@ use serde::{Deserialize, Serialize};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// How many orders to one program are kept until a notice shows that they were taken. A program that has missed more
-/// cannot go on.
+/// How many orders to one program are kept until a notice shows that the program has received them. A program that has
+/// missed more orders cannot go on.
 const KEPT_MAX: usize = 1024;
 
 /// A program, from its start until nothing of it is left and no caller asks for it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Attachment {
-    /// How it was started.
+    /// The order that started the program.
     pub order: SpawnOrder,
-    /// How many reports of its shim were taken.
+    /// How many reports of its shim the agent has received.
     pub reports: u64,
-    /// Whether one of these reports told how the program ended.
+    /// Whether a report told how the program ended.
     pub has_ended: bool,
     /// Whether the last report said that nothing of the program is left.
     pub is_gone: bool,
-    /// How many notices of it were taken.
+    /// How many notices of the program the agent has received.
     pub notices: u64,
-    /// The public keys that it has made at its start, in a team.
+    /// The public keys that the program has made at its start; only in a team.
     pub keys: Vec<u8>,
     /// Whether its deployment is over, although something of the program may still run.
     is_buried: bool,
-    /// Every order that its shim was given, as the line that the shim reads.
+    /// Every order to its shim, as the line that the shim reads.
     shim_orders: Vec<String>,
-    /// How many orders the program was given.
+    /// How many orders the program was given, all in all.
     orders: u64,
     /// The last orders that the program was given.
     kept: VecDeque<Order>,
 }
 
-/// Everything that stands outside of one agent.
+/// Everything outside of one agent that the agent is attached to.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Attachments {
     programs: BTreeMap<ProcessId, Attachment>,
     calls: BTreeSet<u64>,
     /// The epochs that are not on the disk yet, with the hosts of their deployments.
     commits: BTreeMap<Deployment, Vec<String>>,
-    /// Deployments that are over here and have their folders, the oldest first.
+    /// Deployments that are over here and still have their folders, the oldest first.
     buried: VecDeque<Deployment>,
     has_left: bool,
 }
 
 impl Attachments {
-    /// Takes note of an input, before the agent has it.
+    /// Notes an input, before the agent receives it.
     pub fn taken(&mut self, input: &Input) {
         match input {
             Input::Call { call, .. } => drop(self.calls.insert(*call)),
@@ -100,11 +101,11 @@ impl Attachments {
         }
     }
 
-    /// Takes note of an effect, before it is carried out.
+    /// Notes an effect, before it is carried out.
     pub fn given(&mut self, effect: &Effect) {
         match effect {
             Effect::Spawn(order) => {
-                // A part that was over may begin again, in the same epoch and the same folder.
+                // The part of a deployment on this host may begin again after it was over, in the same epoch and the same folder.
                 self.buried.retain(|buried| *buried != order.process.deployment);
                 self.programs.insert(order.process.clone(), Attachment::new((**order).clone()));
             }
@@ -154,7 +155,7 @@ impl Attachments {
         }
     }
 
-    /// Drops programs of which nothing is left; the others are dropped with their last report.
+    /// Drops the programs that `which` selects. A program of which something is left is dropped later, with its last report.
     fn forget(&mut self, which: impl Fn(&ProcessId) -> bool) {
         self.programs.retain(|process, program| {
             let is_meant = which(process);
@@ -181,7 +182,7 @@ impl Attachments {
         self.programs.range(first..).take_while(move |(process, _)| process.deployment == deployment)
     }
 
-    /// Returns whether a deployment has programs that are not forgotten.
+    /// Returns whether a deployment has programs that were not closed on this host.
     pub fn has_programs(&self, deployment: &Deployment) -> bool {
         self.of(deployment).any(|(_, program)| !program.is_buried)
     }
@@ -201,19 +202,20 @@ impl Attachments {
         self.calls.iter().copied()
     }
 
-    /// Returns the epochs that are not on the disk, with the hosts of their deployments.
+    /// Returns the epochs that are not on the disk yet, with the hosts of their deployments.
     pub fn commits(&self) -> impl Iterator<Item = (&Deployment, &[String])> {
         self.commits.iter().map(|(deployment, hosts)| (deployment, hosts.as_slice()))
     }
 
-    /// Takes the oldest of the deployments that are over and have no program left, if more than `count` are over.
+    /// Removes and returns the oldest deployment that is over and has no program left; nothing unless more than `count`
+    /// deployments are over.
     pub fn take_buried(&mut self, count: usize) -> Option<Deployment> {
         let has_ended = |deployment: &Deployment| self.of(deployment).next().is_none();
         let oldest = self.buried.iter().position(has_ended).filter(|_| self.buried.len() > count)?;
         self.buried.remove(oldest)
     }
 
-    /// Returns whether the node was to leave.
+    /// Returns whether the agent has ordered the node to leave.
     pub fn has_left(&self) -> bool {
         self.has_left
     }
@@ -235,20 +237,20 @@ impl Attachment {
         }
     }
 
-    /// Returns the orders to its shim after the first `taken`.
+    /// Returns the orders to the shim after the first `taken` orders.
     pub fn shim_orders(&self, taken: u64) -> Vec<ShimOrder> {
         let taken = usize::try_from(taken).unwrap_or(usize::MAX);
         self.shim_orders.iter().skip(taken).filter_map(|line| ShimOrder::parse(line)).collect()
     }
 
-    /// Returns the orders after the first `taken`; nothing if they are not all kept.
+    /// Returns the orders after the first `taken` orders; nothing if some of these are not kept any more.
     pub fn orders(&self, taken: u64) -> Option<Vec<Order>> {
         let missed = usize::try_from(self.orders.checked_sub(taken)?).ok()?;
         let skip = self.kept.len().checked_sub(missed)?;
         Some(self.kept.iter().skip(skip).cloned().collect())
     }
 
-    /// Drops the orders that a notice answers, and those before them: a program takes them in order.
+    /// Drops the order that a notice answers, and all orders before it: a program takes its orders in sequence.
     fn was_taken(&mut self, notice: &Notice) {
         let is_answered = |order: &Order| match (notice, order) {
             (Notice::Connected | Notice::ConnectFailed { .. }, Order::Connect { .. }) => true,

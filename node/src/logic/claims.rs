@@ -1,8 +1,8 @@
-//! The devices of this host that deployments hold. No two deployments may move one arm.
+//! The devices of this host that deployments hold. Two deployments must not move the same arm.
 //!
-//! A device is held by a program that `claims` it in the spec, from `Prepare` on, and by a controller that names the
-//! device's keys as its own in its `Hello`. Any number of programs may hold a device as `(read)`. A device is held
-//! until nothing of the deployment is left.
+//! A program that `claims` a device in the spec holds the device from `Prepare` on. A controller holds a device if it
+//! names the device's keys as its own in its `Hello`. Any number of programs may hold a device as `(read)`. A device is
+//! held until nothing of the deployment is left.
 
 use crate::logic::executer::leaf_host;
 use crate::logic::protocol::{Deployment, DeviceName};
@@ -24,7 +24,7 @@ struct Holder {
 }
 
 impl Claims {
-    /// Returns the claims of the spec on `host`.
+    /// Returns the claims that the spec makes on `host`.
     pub fn of(plan: &Plan, host: &str) -> Self {
         let mut claims = Self::default();
         for claim in plan.claims.iter().filter(|claim| leaf_host(plan, claim.leaf) == Some(host)) {
@@ -35,7 +35,7 @@ impl Claims {
         claims
     }
 
-    /// Returns the claims of the spec for a leaf.
+    /// Returns the claims that the spec makes for a leaf.
     pub fn of_leaf(plan: &Plan, leaf: u32) -> Self {
         let mut claims = Self::default();
         let path = plan.leaves.get(leaf as usize).map_or("", |leaf| leaf.path.as_str());
@@ -52,7 +52,7 @@ impl Claims {
         claims
     }
 
-    /// Adds what others of the same deployment hold.
+    /// Adds the devices that other programs of the same deployment hold.
     pub fn extend(&mut self, others: Self) {
         for (device, holder) in others.held {
             self.hold(&device, &holder.path, holder.is_write);
@@ -69,24 +69,24 @@ impl Claims {
         })
     }
 
-    /// Returns why these devices cannot be held at the same time as those of `holder`, one sentence for each device.
+    /// Returns why these devices cannot be held together with those of `holder`: one sentence for each such device.
     pub fn conflicts(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
         self.both(theirs).map(|(device, path)| held(device, holder, path)).collect()
     }
 
-    /// Returns the same where programs of `holder` could not be ended.
+    /// Returns the same sentences for a `holder` whose programs could not be ended.
     pub fn conflicts_with_unended(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
         let unended = unended(holder);
         let conflict = |(device, path)| format!("`{device}` is held by `{path}` of `{holder}`, which {unended}");
         self.both(theirs).map(conflict).collect()
     }
 
-    /// Returns the first device that only one of the two can hold, and its path in the other.
+    /// Returns the first device that only one of the two deployments can hold, with its holder's path in the other.
     pub fn first_conflict<'a>(&'a self, theirs: &'a Self) -> Option<(&'a str, &'a str)> {
         self.both(theirs).next()
     }
 
-    /// Returns each device that only one of the two can hold, and its path in the other.
+    /// Returns each device that only one of the two deployments can hold, with its holder's path in the other.
     fn both<'a>(&'a self, theirs: &'a Self) -> impl Iterator<Item = (&'a str, &'a str)> {
         let both = self.held.iter().filter_map(|(device, own)| Some((device, own, theirs.held.get(device)?)));
         let conflicts = both.filter(|(_, own, other)| own.is_write || other.is_write);
@@ -102,7 +102,7 @@ impl Claims {
     }
 }
 
-/// Returns the words that programs of a deployment could not be ended, to follow their names.
+/// Returns the end of a sentence, which says that programs of a deployment could not be ended.
 pub fn unended(deployment: &Deployment) -> String {
     format!("could not be ended and may still run; once you know better, `dca stop {} --forget`", deployment.name)
 }

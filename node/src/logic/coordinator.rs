@@ -6,12 +6,13 @@
 //! ```
 //! The epoch is written to the disk during the start, before GO.
 //!
-//! The reply to `deploy` is the outcome. Every caller gets the reports as they come, and the last one when nothing of the deployment is
-//! left on any host that can be reached.
+//! The answer to `deploy` is the outcome. Every caller gets each report when it is made. The last report comes when
+//! nothing of the deployment is left on any host that can be reached.
 //!
-//! *Parts.* `start` is the way to GO, with the clocks of an aligned start (`aligned`). `host` is a host and `rejoin` its way back;
-//! `change` is a change of the plan, `switching` the calls for connection sets, `stop` the end that a user or the node asked for. `mission` is the
-//! plan with its hosts and callers, which all parts need. Only this file brings the parts together.
+//! *Parts.* `start` leads to GO, and `aligned` compares the clocks for a start at one moment. `host` is a host of the
+//! deployment, and `rejoin` its return. `change` is a change of the plan, and `switching` the calls for connection
+//! sets. `stop` is the end that a user or the node asked for. `mission` has the plan, its hosts and its callers, which
+//! all parts need. Only this file brings the parts together.
 
 mod aligned;
 mod change;
@@ -45,13 +46,13 @@ use stop::{Stop, StopBy};
 use switching::Switches;
 use telling::Orders;
 
-/// How long all hosts have to start their programs, if no program may take longer than usual to be ready.
+/// How long all hosts have to start their programs, if the plan gives no program more time than usual to be ready.
 pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
 /// How long all hosts have to make their links.
 pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(48);
-/// How long all hosts have to remove everything, beyond the time that their programs may take to stop.
+/// How long all hosts have to remove everything, in addition to the time that their programs may take to stop.
 pub(super) const RELEASE_WITHIN: Duration = Duration::from_secs(25);
-/// How long the other hosts have to add their reasons once one host has refused.
+/// How long the other hosts have to add their reasons after a host has refused.
 pub(super) const REASONS_WITHIN: Duration = Duration::from_secs(2);
 
 /// A deployment at its home.
@@ -69,14 +70,14 @@ enum Phase {
     Starting(Start),
     Running,
     Ending(End),
-    /// The hosts that have not confirmed that nothing is left there, and why.
+    /// The hosts that have not confirmed that nothing of the deployment is left there, each with the reason.
     Over(BTreeMap<String, Why>),
 }
 
 /// The end of a deployment, until all hosts have released everything.
 #[derive(Debug, Serialize, Deserialize)]
 struct End {
-    /// How it ended, or why it did not begin.
+    /// How the deployment ended, or why it did not begin.
     outcome: Result<Ending, Vec<String>>,
     until: Time,
     /// The hosts that have not released everything.
@@ -130,7 +131,8 @@ impl Coordinator {
             ToCoordinator::Released => self.left(from, true, out),
             ToCoordinator::Unconfirmed => self.left(from, false, out),
             ToCoordinator::MainEnded { ending } => {
-                // A user who asked for a stop is not told that something has failed, nor that it has stopped.
+                // A user has asked for a stop, and a program may still run. So the user is not told that something
+                // failed, nor that everything has stopped.
                 let is_unconfirmed = matches!(&ending, Ending::Aborted(failure) if failure.cause.is_unconfirmed_stop());
                 let is_unconfirmed = is_unconfirmed && mission.stop.by != StopBy::None;
                 self.end(Some(if is_unconfirmed { Ending::Unconfirmed } else { ending }), out);
@@ -144,9 +146,9 @@ impl Coordinator {
         }
     }
 
-    /// Takes the report of a host that it released everything, or that it could not end everything.
+    /// Takes the report of a host that has released everything, or could not end everything.
     fn left(&mut self, from: &str, is_all: bool, out: &mut Out<'_>) {
-        // A report during a request to rejoin is older than the request: a host that leaves again refuses first.
+        // A host that was asked to rejoin refuses before it leaves again. So a report of leaving is older than the request.
         let Some(host) = self.mission.hosts.get_mut(from).filter(|host| !host.is_asked()) else { return };
         if !is_all {
             host.is_unable();
@@ -160,7 +162,7 @@ impl Coordinator {
         self.release_confirmed(from, out);
     }
 
-    /// The end no longer waits for this host.
+    /// Notes that this host has released everything, or will not answer: the end no longer waits for the host.
     fn release_confirmed(&mut self, host: &str, out: &mut Out<'_>) {
         if let Phase::Ending(end) = &mut self.phase
             && end.awaited.remove(host)
@@ -183,7 +185,7 @@ impl Coordinator {
         }
     }
 
-    /// Takes the answer of the disk to the epoch. Nothing runs if it is not on the disk.
+    /// Takes the answer of the disk about the epoch. If the disk has not written the epoch, nothing runs.
     pub fn committed(&mut self, written: Result<(), String>, out: &mut Out<'_>) {
         if let Err(why) = written {
             let home = self.mission.plan.home().unwrap_or_default();
@@ -194,7 +196,7 @@ impl Coordinator {
         }
     }
 
-    /// Refuses to begin, for this reason.
+    /// Refuses to begin the deployment, for this reason.
     fn refuse(&mut self, reason: String, out: &mut Out<'_>) {
         match &mut self.phase {
             Phase::Starting(start) => {
@@ -206,13 +208,13 @@ impl Coordinator {
         }
     }
 
-    /// Continues the reports to a caller that has the first `seen` of them.
+    /// Sends a caller the reports after the first `seen`, and then each new report.
     pub fn watch(&mut self, call: u64, seen: u64, out: &mut Out<'_>) {
         self.mission.history.tell_missed(call, seen, out);
         self.mission.audience.watchers.push(call);
     }
 
-    /// Sends all reports so far, and also the future ones if the caller stays.
+    /// Sends all reports so far. If the caller stays, it gets each new report as well.
     pub fn listen(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
         self.mission.history.tell(call, out);
         self.mission.audience.listeners.extend(stays.then_some(call));
@@ -229,12 +231,12 @@ impl Coordinator {
         self.mission.hosts.keys()
     }
 
-    /// Returns the hosts whose reports it takes.
+    /// Returns the hosts that take part and can be reached.
     pub fn taking_part(&self) -> impl Iterator<Item = &String> {
         self.mission.hosts.iter().filter(|(_, part)| part.is_active()).map(|(host, _)| host)
     }
 
-    /// Returns the user who deployed it.
+    /// Returns the name of the user who deployed it.
     pub fn begun_by(&self) -> &str {
         &self.mission.request.by
     }
@@ -244,17 +246,17 @@ impl Coordinator {
         self.mission.request.origin
     }
 
-    /// Returns whether nothing is left to be done.
+    /// Returns whether the deployment is over.
     pub fn is_over(&self) -> bool {
         matches!(self.phase, Phase::Over(_))
     }
 
-    /// Returns whether it is over, or comes to its end.
+    /// Returns whether the deployment is over or is about to be.
     pub fn is_ending(&self) -> bool {
         matches!(self.phase, Phase::Ending(_) | Phase::Over(_))
     }
 
-    /// Once it is over, returns its reports, and which hosts have not confirmed that nothing is left there.
+    /// Returns the reports of a deployment that is over, and the hosts that have not confirmed that nothing is left there.
     pub fn into_history(self) -> (History, BTreeMap<String, Why>) {
         let unconfirmed = match self.phase {
             Phase::Over(unconfirmed) => unconfirmed,
@@ -263,12 +265,12 @@ impl Coordinator {
         (self.mission.history, unconfirmed)
     }
 
-    /// Returns the record of it on the disk; nothing once it is to end.
+    /// Returns the record of the deployment for the disk; nothing if the deployment is ending, or a user has asked for its end.
     pub fn kept(&self) -> Option<Kept> {
         (!self.is_ending() && self.mission.stop.by != StopBy::User).then(|| self.mission.kept(false))
     }
 
-    /// Takes the failure of a host.
+    /// Handles the failure of a host.
     pub fn host_lost(&mut self, name: &str, out: &mut Out<'_>) {
         let Some(host) = self.mission.hosts.get_mut(name).filter(|host| host.is_active()) else { return };
         match &mut self.phase {
@@ -285,7 +287,7 @@ impl Coordinator {
         }
     }
 
-    /// Takes the return of a host. Everything that it still has of this deployment is fenced off: its part counts as failed.
+    /// Handles the return of a host. The host is told to release everything that it still has of this deployment: its part has failed.
     pub fn host_back(&mut self, name: &str, out: &mut Out<'_>) {
         let Some(host) = self.mission.hosts.get_mut(name) else { return };
         let rejoin = &mut host.rejoin;
@@ -300,14 +302,14 @@ impl Coordinator {
         self.mission.tell(name, ToParticipant::Release, out);
     }
 
-    /// Records where a restarted program is.
+    /// Records the new location of a restarted program.
     pub fn moved(&mut self, facts: &LeafFacts, from: &str, out: &mut Out<'_>) {
         if self.mission.moved(facts, from) && matches!(self.phase, Phase::Running) {
             self.mission.tell_where([facts.leaf], out);
         }
     }
 
-    /// Takes note that the node was gone and could not hear any answer: the hosts get that much more time to answer.
+    /// Notes that the node was gone and could not receive any answer: the hosts get that much more time to answer.
     pub fn adopted(&mut self, away: Duration) {
         match &mut self.phase {
             Phase::Starting(start) => start.adopted(away),
@@ -362,7 +364,7 @@ impl Coordinator {
         self.changes.ask(&self.mission, call, request, signed, out);
     }
 
-    /// Has a supervisor switch a process; `call` is answered when the supervisor has confirmed it.
+    /// Tells a supervisor to switch a process; `call` is answered when the supervisor has confirmed the switch.
     pub fn switch(&mut self, call: u64, request: &SwitchRequest, out: &mut Out<'_>) {
         let asked = if matches!(self.phase, Phase::Running) {
             self.switches.ask(&self.mission, call, request, out)
@@ -386,7 +388,7 @@ impl Coordinator {
         }
     }
 
-    /// The deployment is to end because a user asked, or because its node leaves. `call` is answered when nothing is left.
+    /// Stops the deployment because a user asked, or because its node leaves. `call` is answered when nothing is left.
     pub fn stop(&mut self, call: Option<u64>, out: &mut Out<'_>) {
         self.mission.stop.ask(call);
         if call.is_some() {
@@ -402,7 +404,7 @@ impl Coordinator {
         }
     }
 
-    /// The deployment ends at once, for this cause.
+    /// Aborts the deployment at once, for this cause.
     pub fn abort(&mut self, cause: FailureCause, out: &mut Out<'_>) {
         if !matches!(self.phase, Phase::Running) {
             return self.refuse(format!("it {cause}"), out);
@@ -412,7 +414,7 @@ impl Coordinator {
         self.end(Some(Ending::Aborted(Failure { origin, cause, at })), out);
     }
 
-    /// Takes the answer of the disk, which has forgotten the deployment or has failed to.
+    /// Takes the answer of the disk, which has forgotten the deployment or has failed to forget it.
     pub fn unkept(&mut self, out: &mut Out<'_>) {
         self.mission.stop.unkeeping = self.mission.stop.unkeeping.saturating_sub(1);
         if matches!(&self.phase, Phase::Ending(end) if end.awaited.is_empty()) {
@@ -420,7 +422,7 @@ impl Coordinator {
         }
     }
 
-    /// Asks the disk again: a node that was killed did not hear the answer.
+    /// Asks the disk again to forget the deployment: a node that was killed did not receive the answer.
     pub fn unkeep_again(&mut self, out: &mut Out<'_>) {
         let Mission { stop, deployment, .. } = &mut self.mission;
         if stop.unkeeping > 0 {
@@ -429,7 +431,7 @@ impl Coordinator {
         }
     }
 
-    /// Begins the end: has all hosts release everything.
+    /// Begins the end: tells all hosts to release everything.
     fn end(&mut self, ending: Option<Ending>, out: &mut Out<'_>) {
         let reasons = match &mut self.phase {
             Phase::Starting(start) => std::mem::take(&mut start.reasons),
@@ -437,7 +439,7 @@ impl Coordinator {
             Phase::Ending(_) | Phase::Over(_) => return,
         };
         let mission = &mut self.mission;
-        // A node that leaves may be started again after a reboot.
+        // The node leaves, perhaps for a reboot. So the deployment may be started again.
         if mission.stop.by == StopBy::Node && !matches!(ending, Some(Ending::Done(_))) {
             out.effects.push(Effect::Keep(Box::new(mission.kept(true))));
         } else {
@@ -448,7 +450,7 @@ impl Coordinator {
         self.switches.abandon(&mission.deployment.name, out);
         self.orders.abandon(&mission.deployment.name, out);
         let slowest = mission.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
-        // A node that left has reported that already, and does not hear this any more.
+        // A host whose node has left has already reported that, and no longer receives this order.
         let awaited: BTreeSet<String> = self.taking_part().cloned().collect();
         let mission = &mut self.mission;
         awaited.iter().for_each(|host| mission.tell(host, ToParticipant::Release, out));
@@ -460,7 +462,8 @@ impl Coordinator {
         }
     }
 
-    /// Completes the end. A user who asked for it first waits until the disk has forgotten the deployment, but not beyond the end's limit.
+    /// Completes the end. If a user asked for the end, this waits until the disk has forgotten the deployment, or the
+    /// time limit of the end is over.
     fn finish(&mut self, out: &mut Out<'_>) {
         let mission = &mut self.mission;
         let End { outcome, awaited, .. } = match &mut self.phase {

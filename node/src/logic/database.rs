@@ -1,12 +1,12 @@
 //! The database of a node: a replica and its callers.
 //!
-//! [`Database::handle`] takes all inputs since the previous call and returns the effects in order. Its driver is a
-//! separate thread (`io::database`). It writes all [`Effect::Persist`] of one turn together, and carries out the rest
-//! only when they are on the disk. So callers that wait at the same time share one flush, no caller hears of data that
-//! could be lost, and the loop that supervises programs never waits for a disk.
+//! [`Database::handle`] takes all inputs since the previous call and returns the effects in order. It is driven by a
+//! separate thread (`io::database`). The thread writes all [`Effect::Persist`] of one turn together, and carries out
+//! the other effects only when these are on the disk. So callers that wait at the same time share one flush, and no
+//! caller is told of data that could be lost. The loop that supervises programs never waits for a disk.
 //!
-//! When the disk fails, the database is *closed*: it answers questions, and refuses to write with the disk's error. It
-//! takes nothing from peers during that time, since it could not keep it.
+//! When the disk fails, the database is *closed*: it answers most questions, and refuses writes with the disk's error.
+//! It takes nothing from peers during that time, since it could not store anything.
 
 mod alarms;
 mod author;
@@ -42,77 +42,77 @@ use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
-/// The name of the team of robots that were not given one.
+/// The team name of robots that were given no other.
 pub const TEAM: &str = "dca";
-/// How many peers that have been heard of are remembered.
+/// How many peers are remembered after they were heard.
 const HEARD_MAX: usize = 1024;
-/// About how many bytes of keys and values go into one reply.
+/// About how many bytes of keys and values one reply has at most.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 
 /// An input of the database.
 #[derive(Debug)]
 pub enum Input {
-    /// A question; the answers carry this number. Number 0 is the node itself, which wants no answers.
+    /// A question; its answers have this number. Number 0 is the node itself, which wants no answers.
     Call(u64, Question),
-    /// A question from another machine: it gets no keys that are local to this one.
+    /// A question from another machine. It gets no keys that are local to this machine.
     Elsewhere(u64, Question),
     /// A message of another replica, which needs no answer.
     Envelope(Envelope),
-    /// A question of another replica, under this number; [`Effect::ReplyToPeer`] ends it.
+    /// A question of another replica with this number. [`Effect::ReplyToPeer`] ends the question.
     Asked(u64, Envelope),
-    /// A node has arrived, or returned: its replica and this one compare their transactions.
+    /// Another node has arrived or returned: its replica and this one compare their transactions.
     Appeared,
-    /// The caller with this number takes no more answers.
+    /// The caller with this number wants no more answers.
     Gone(u64),
 }
 
 /// An effect of the database. Effects are carried out in order.
 #[derive(Debug)]
 pub enum Effect {
-    /// Write this durably, before anything else of this turn.
+    /// Write this to the disk before any other effect of this turn.
     Persist(Batch),
-    /// From now on other replicas know this one by this name.
+    /// From now on, other replicas know this replica by this name.
     Address(ReplicaId),
-    /// Tell every replica.
+    /// Send a message to every replica.
     Broadcast(Envelope),
-    /// Tell one replica.
+    /// Send a message to one replica.
     Tell(ReplicaId, Envelope),
-    /// Ask one replica, and hand its answer back as a envelope if it comes within this time.
+    /// Ask one replica. If its answer comes within this time, give the answer back as an envelope.
     Ask(ReplicaId, Envelope, Duration),
-    /// Answer another's question; without a envelope, end it.
+    /// Answer a question of another replica, or end the question if no envelope is given.
     ReplyToPeer(u64, Option<Envelope>),
-    /// One element of the answer to a call.
+    /// Send one element of the answer to a call.
     AnswerCaller(u64, Reply),
-    /// The answer to a call is complete.
+    /// Tell a caller that the answer is complete.
     End(u64),
-    /// An operator has to know this.
+    /// Tell an operator this.
     Alarm(String),
-    /// The robot's settings for its node have changed to this.
+    /// Apply these settings of the robot for its node, which have changed.
     Settings(Settings),
-    /// A write that is allowed to no user was refused.
+    /// Report a refused write, which no user is permitted to make.
     Refused {
         /// The sender.
         from: String,
-        /// Why, for a person.
+        /// The reason, for a person.
         why: String,
     },
 }
 
-/// The machine of a node's database.
+/// The state machine of a node's database.
 #[derive(Debug)]
 pub struct Database {
     replica: Replica,
-    /// The name under which other replicas know this one, as the driver was last told.
+    /// The name by which other replicas know this one, as the driver was last told.
     announced: ReplicaId,
     place: Place,
     disk: Disk,
     calls: Calls,
-    /// The other replicas that were heard lately, and when.
+    /// The other replicas that were heard recently, and when.
     heard: BTreeMap<ReplicaId, KnownPeer>,
     other_team: OtherTeam,
     alarms: VecDeque<String>,
     wall: Wall,
-    /// Whether the settings for the node in its own keys have changed in this turn.
+    /// Whether this turn has changed the settings that the robot's keys give to its node.
     resettled: bool,
     derived: Derived,
 }
@@ -130,9 +130,9 @@ struct Place {
 /// The state of the disk.
 #[derive(Debug, Default)]
 struct Disk {
-    /// Why the database does not write.
+    /// Why the database does not write; nothing if it does.
     closed: Option<String>,
-    /// The durable state, while the disk does not write.
+    /// The state on the disk, as long as the disk does not write.
     durable: Option<disk::Durable>,
     /// The errors since the last write.
     failures: BTreeSet<String>,
@@ -140,40 +140,40 @@ struct Disk {
 
 #[derive(Debug, Default)]
 struct Calls {
-    /// Calls that wait for their transaction to get further.
+    /// The calls that wait until their transaction has reached more than the local disk.
     waiting: BTreeSet<u64>,
-    /// The watchers, by number of the call.
+    /// The watchers, by the number of their call.
     watchers: BTreeMap<u64, Watch>,
-    /// Whether there may be more for a watcher.
+    /// Whether more may be waiting for a watcher.
     more: bool,
 }
 
 /// The values that are derived from the replica.
 #[derive(Debug, Default)]
 struct Derived {
-    /// The number of races, as it was last counted.
+    /// The last count of races.
     races: RaceCount,
-    /// The schemas, as they were last read from the state.
+    /// The schemas, as last read from the state.
     schemas: Option<Schemas>,
-    /// States from which the states at earlier moments are computed.
+    /// States from which the states of earlier moments are computed.
     checkpoints: Checkpoints,
 }
 
-/// Another replica that was heard of late.
+/// Another replica that was heard recently.
 #[derive(Clone, Copy, Debug)]
 struct KnownPeer {
     at: Time,
-    /// Whether it said that it belongs to a team.
+    /// Whether the replica said that it belongs to a team.
     member: bool,
-    /// Its wall clock and ours, when it last said so.
+    /// The replica's wall clock and the clock of this one, when the replica last reported its clock.
     walls: Option<(Wall, Wall)>,
 }
 
-/// A question of another replica that the present turn may answer.
+/// A question of another replica, which this turn may answer.
 type Asked = Option<(u64, ReplicaId)>;
 
 impl Database {
-    /// Returns the database that this replica is of.
+    /// Returns the database of this replica.
     pub fn new(replica: Replica, robot: &str, team: &str, store: Option<String>) -> Self {
         Self {
             announced: replica.address(),
@@ -248,7 +248,7 @@ impl Database {
         }
     }
 
-    /// Returns when [`Database::handle`] is to be called even without an input.
+    /// Returns when [`Database::handle`] is to be called even if no input has come.
     pub fn deadline(&self) -> Option<Time> {
         match &self.disk.closed {
             None if self.calls.more => Some(Time::ZERO),
@@ -257,12 +257,12 @@ impl Database {
         }
     }
 
-    /// Returns under which name other replicas know this one.
+    /// Returns the name by which other replicas know this one.
     pub fn address(&self) -> ReplicaId {
         self.replica.address()
     }
 
-    /// Returns the replica, to be looked at.
+    /// Returns the replica, to read from it.
     pub fn replica(&self) -> &Replica {
         &self.replica
     }
@@ -273,7 +273,7 @@ impl Database {
             let input = replica::Input::Received(envelope.from, envelope.message, self.wall);
             self.feed(now, input, &mut asked, effects);
         }
-        // A question that is not ended keeps the asker waiting until its own deadline.
+        // If a question is not ended, the asker waits until its own time limit.
         effects.extend(asked.map(|(asked, _)| Effect::ReplyToPeer(asked, None)));
     }
 
@@ -289,8 +289,8 @@ impl Database {
         }
     }
 
-    /// Makes room for a replica that was heard of: strangers give way to members; among several strangers, the one not
-    /// heard of for longest.
+    /// Makes room for a replica that was heard; returns whether it has room. If necessary, another replica gives way: the
+    /// one heard longest ago, first among those outside the team. A member gives way only to a member.
     fn has_room_for(&mut self, from: ReplicaId) -> bool {
         if self.heard.len() < HEARD_MAX || self.heard.contains_key(&from) {
             return true;
@@ -324,7 +324,7 @@ impl Database {
         Some(CommitRequest { ticket: call, draft, level: level.to_replica(), until: now + within })
     }
 
-    /// Returns why a transaction is not even tried, if that is so.
+    /// Returns why a transaction is refused without a try; nothing if it may be tried.
     fn refusal(&mut self, call: u64, draft: &Draft, level: &AckLevel) -> Option<String> {
         if let Some(why) = &self.disk.closed {
             return Some(why.clone());
@@ -335,7 +335,7 @@ impl Database {
         }
         let schemas = self.derived.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
         let breaches: Vec<String> = schemas.check(draft).iter().map(ToString::to_string).collect();
-        // The node's own writes do not concern users.
+        // Users have nothing to do with writes of the node itself.
         (call != 0 && !breaches.is_empty()).then(|| format!("nothing was written: {}", breaches.join("; ")))
     }
 
@@ -365,7 +365,7 @@ impl Database {
             },
             Question::Follow { keys } => return self.follow(call, keys, effects),
             Question::Status => say(Reply::Status(Box::new(self.status(now)))),
-            // Writes are taken together, see `handle`.
+            // `handle` takes all writes of a turn together.
             Question::Commit(_) | Question::Resolve(_) | Question::Own(_) => {}
             Question::Owners => {
                 let owners = self.replica.owners().iter();
@@ -383,7 +383,7 @@ impl Database {
         effects.push(Effect::End(call));
     }
 
-    /// Gives the replica an input, and translates its effects.
+    /// Passes an input to the replica, and translates the effects of the replica.
     fn feed(&mut self, now: Time, input: replica::Input, asked: &mut Asked, effects: &mut Vec<Effect>) {
         if self.disk.closed.is_some() {
             return;
@@ -396,7 +396,7 @@ impl Database {
         }
     }
 
-    /// Announces the name of the replica if it has changed.
+    /// Announces the name of the replica if the name has changed.
     fn announce(&mut self, effects: &mut Vec<Effect>) {
         let address = self.replica.address();
         if std::mem::replace(&mut self.announced, address) != address {
@@ -425,7 +425,7 @@ impl Database {
                 self.calls.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
-            // The status shows it for as long as it lasts; the log shows when it began.
+            // The status shows this alarm as long as the other team is heard. The log shows when it was first heard.
             replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) => {
                 let is_new = self.other_team.hear(now, origin, &robot);
                 let alarm = Alarm::OtherTeam(origin, robot);

@@ -1,4 +1,4 @@
-//! The effects of a node's machines, and the types that they share.
+//! The effects of a node's machines, and the types that these machines share.
 
 use crate::logic::database::question::Commit;
 use crate::logic::gate::Outcome;
@@ -30,45 +30,44 @@ pub struct SpawnOrder {
     pub process: ProcessId,
     /// Absolute path of the instance.
     pub path: String,
-    /// Whether the plan has had another program of this path, which may still be there.
+    /// Whether the plan has had another program with this path. That program may still be there.
     pub is_next: bool,
     /// Executable and its arguments.
     pub command: Vec<String>,
-    /// Which of its words are secrets.
+    /// The words of the command that are secrets.
     pub secrets: Vec<SecretArgument>,
-    /// The devices that it claims.
+    /// The devices that the program claims.
     pub devices: Vec<String>,
-    /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
+    /// Whether the program speaks the control protocol. A plain program, which does not, is held before `exec` until it is activated.
     pub kind: LeafKind,
-    /// Whether it is a service: it never ends by itself.
+    /// Whether the program is a service. A service never ends by itself.
     pub is_service: bool,
-    /// Its policy: the resources it may use, and the action on loss of its agent.
+    /// The policy of the program: the resources that it may use, and the action when its agent is lost.
     pub policy: Policy,
-    /// The keys of the database that it is connected with.
+    /// The keys of the database to which the program is connected.
     pub keys: Vec<KeyBinding>,
-    /// Its variables and its folder.
+    /// The variables and the folder of the program.
     pub environment: Environment,
 }
 
 impl SpawnOrder {
-    /// Returns the name by which the program introduces itself: its path, followed by its number if another program may
-    /// have the same path.
+    /// Returns the name by which the program introduces itself: its path. If another program may have the same path,
+    /// the program's number follows.
     pub fn word(&self) -> String {
         if self.is_next { format!("{}#{}", self.path, self.process.leaf) } else { self.path.clone() }
     }
 }
 
-/// A word of a command that is a secret of the database. The value is not held here: it is looked up each time the
-/// program is started.
+/// A word of a command that is a secret of the database. The value is not stored here: it is read each time the program is started.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SecretArgument {
-    /// Which word of the command; the path of a file with the value is appended to it.
+    /// Which word of the command. The path of a file with the value is appended to this word.
     pub word: u32,
     /// The key in the database.
     pub key: String,
 }
 
-/// An effect of a machine. The driver carries effects out in order.
+/// An effect of a machine. The driver carries out the effects in order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
     /// Send a frame to another node.
@@ -80,55 +79,55 @@ pub enum Effect {
     },
     /// Ask other nodes whether they are there.
     Ping {
-        /// Numbers the question.
+        /// The number of the question.
         round: u64,
-        /// The names of the nodes asked; none for all.
+        /// The names of the nodes that are asked; none if all are asked.
         only: Option<BTreeSet<String>>,
-        /// Whether some may not know yet who asks.
+        /// Whether some of the asked nodes may not know yet who asks.
         shows: bool,
     },
-    /// Tell another node of this one's name which deployments run here.
+    /// Tell another node with the name of this node which deployments run here.
     Greet(Box<Namesake>),
-    /// Tell the nodes that ask from now on which boot has their name.
+    /// From now on, tell a node that asks which boot holds the asking node's name.
     Holders(BTreeMap<String, u64>),
-    /// From now on, send the beats of this node to these hosts only: they notice a cut by missing beats.
+    /// From now on, send the beats of this node only to these hosts, which notice an interrupted line by missing beats.
     Beat(BTreeSet<String>),
     /// Tell users and other listeners about a change of another node.
     Peer(Change),
     /// Start a program under a shim.
     Spawn(Box<SpawnOrder>),
-    /// Tell a shim.
+    /// Send an order to a shim.
     Shim {
         /// The program.
         process: ProcessId,
         /// The order.
         order: ShimOrder,
     },
-    /// Kill a shim that has not ended its program in time: it may be suspended. Everything it leaves is ended, and
-    /// reported as gone once nothing of it is there any more.
+    /// Kill a shim that has not ended its program in time: the shim may be suspended. Everything that the shim leaves
+    /// is ended. The program is reported as gone once nothing of it is left.
     KillShim {
         /// The program.
         process: ProcessId,
     },
-    /// Tell a controller.
+    /// Send an order to a controller.
     Control {
         /// The program.
         process: ProcessId,
         /// The order.
         order: Order,
     },
-    /// Nothing runs any more: close the channels of a program, keep its output until the deployment is removed.
+    /// Close the channels of a program of which nothing runs any more. Keep its output until the deployment is removed.
     CloseProcess {
         /// The program.
         process: ProcessId,
     },
-    /// A deployment is over on this host: close its socket, and keep its output for a while.
+    /// Close the socket of a deployment that is over on this host. Keep its output for a while.
     CloseDeployment {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk or cannot be. Nothing
-    /// waits in the meantime.
+    /// Write down the epoch of a deployment. When it is on the disk or cannot be written, give [`Input::Committed`].
+    /// The node does not wait in the meantime.
     ///
     /// [`Input::Committed`]: crate::logic::agent::Input::Committed
     PersistEpoch {
@@ -137,22 +136,22 @@ pub enum Effect {
         /// The hosts that take part.
         hosts: Vec<String>,
     },
-    /// Check whether a user has signed the order of another node, and give [`Input::Judged`]. By then, the disk has the record
-    /// that the order was accepted.
+    /// Check whether a user has signed the order of another node, and give [`Input::Judged`]. Before that input, the
+    /// disk gets the record that the order was accepted.
     ///
     /// [`Input::Judged`]: crate::logic::agent::Input::Judged
     Judge {
-        /// Echoed.
+        /// The number that the input has as well.
         number: u64,
-        /// The deployment that it is about.
+        /// The deployment of the order.
         deployment: Deployment,
-        /// The node that orders it.
+        /// The node that gives the order.
         from: String,
         /// The order.
         order: Box<ToParticipant>,
     },
-    /// Check whether the signer of a deployment of this home may still have it, and give [`Input::Resumable`]: it is to
-    /// be resumed after a reboot.
+    /// Check whether the signer of a deployment of this home may still run it, and give [`Input::Resumable`]. The
+    /// deployment is to be resumed after a reboot.
     ///
     /// [`Input::Resumable`]: crate::logic::agent::Input::Resumable
     JudgeResumed {
@@ -161,55 +160,56 @@ pub enum Effect {
         /// The request that the user has signed.
         signed: Option<Arc<Signed>>,
     },
-    /// Note the outcome of an order that was judged and accepted.
+    /// Note the outcome of an order that was checked and accepted.
     OrderEnded {
-        /// As judged.
+        /// The number of [`Effect::Judge`].
         number: u64,
-        /// Whether it was done, or why not, for a person.
+        /// That the order was carried out, or the reason why it was not, for a person.
         outcome: Outcome,
     },
-    /// See whether these programs could be started on this host, and give [`Input::Found`].
+    /// Find out whether these programs could be started on this host, and give [`Input::Found`].
     ///
     /// [`Input::Found`]: crate::logic::agent::Input::Found
     FindPrograms {
         /// The deployment.
         deployment: Deployment,
-        /// The change that asks, echoed.
+        /// The number of the change that asks. The input has it as well.
         number: u32,
-        /// How each would be started.
+        /// How each program would be started.
         programs: Vec<SpawnOrder>,
     },
-    /// Write down that every host has confirmed the end of a deployment. No input waits for it.
+    /// Write down that every host has confirmed the end of a deployment. No input waits for this write.
     Settled {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Write down that everything is stopped, and by which user, or that the stop was released. No input waits for it.
+    /// Write down which user has stopped everything, or that the stop was released. No input waits for this write.
     KeepEstop {
-        /// Numbers the write; answered by [`Input::EstopKept`](crate::logic::agent::Input::EstopKept).
+        /// The number of the write. The answer [`Input::EstopKept`](crate::logic::agent::Input::EstopKept) has the same number.
         number: u64,
-        /// The user who has stopped everything; none lets programs begin.
+        /// The user who has stopped everything; nothing if programs may begin.
         estop: Option<Estop>,
     },
-    /// Write down the data that a node needs about a deployment that begins after a reboot. No input waits for it.
+    /// Write down the data that a node needs about a deployment that begins again after a reboot. No input waits for this write.
     Keep(Box<Kept>),
-    /// Remove this data from the disk: the deployment is to end. Answered by [`Input::Unkept`](crate::logic::agent::Input::Unkept).
+    /// Remove this data from the disk, because the deployment is to end. The answer is
+    /// [`Input::Unkept`](crate::logic::agent::Input::Unkept).
     Unkeep {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Have all these records on the disk, and no others of their kind.
+    /// Write all these records to the disk, and remove all other records of this kind.
     KeepAll(Vec<Kept>),
-    /// Have these tombstones on the disk, and no others.
+    /// Write these tombstones to the disk, and remove all others.
     KeepTombstones(Vec<Tombstone>),
-    /// One element of the answer to a call.
+    /// Send one element of the answer to a call.
     Answer {
         /// The call.
         call: u64,
         /// The next element of the answer.
         answer: Box<Answer>,
     },
-    /// The answer is complete.
+    /// Tell a caller that the answer is complete.
     EndAnswers {
         /// The call.
         call: u64,
@@ -218,41 +218,41 @@ pub enum Effect {
     Tail {
         /// The call.
         call: u64,
-        /// Whose output.
+        /// The program that has written the output.
         process: ProcessId,
-        /// Goes on as output comes.
+        /// Whether the answer continues while the program writes more.
         follow: bool,
     },
-    /// Answer a call with all that the programs of a deployment write, until it is over here.
+    /// Answer a call with all output of a deployment's programs, until the deployment is over here.
     TailAll {
         /// The call.
         call: u64,
         /// The deployment.
         deployment: Deployment,
-        /// Its programs here: leaf and absolute path.
+        /// The programs of the deployment on this host: leaf and absolute path.
         programs: Vec<(u32, String)>,
     },
-    /// Write a transaction of the node itself into the database. No caller waits for it.
+    /// Write a transaction of the node itself into the database. No caller waits for this write.
     WriteDatabase(Box<Commit>),
-    /// Nothing is left on this host: the node may leave.
+    /// Let the node leave: nothing is left on this host.
     Leave,
-    /// The node has to leave, since another one has its name, and nothing is left on this host.
+    /// Make the node leave, since another node has its name, and nothing is left on this host.
     Yield {
-        /// Why, for a person.
+        /// The reason, for a person.
         why: String,
     },
 }
 
-/// The outputs of a machine: effects for the driver, messages for nodes (this one included).
+/// The outputs of a machine: effects for the driver, and messages for nodes, which may include this one.
 #[derive(Debug)]
 pub struct Out<'a> {
-    /// The time of the input being handled.
+    /// The time of the input that is being handled.
     pub now: Time,
-    /// The same on the calendar clock of this host, since 1970: only for users, nothing is decided by it.
+    /// The same time on the calendar clock of this host, since 1970. It is only for users: no decision depends on it.
     pub since_1970: Duration,
-    /// For the driver.
+    /// The effects for the driver.
     pub effects: &'a mut Vec<Effect>,
-    /// For the nodes named.
+    /// The messages, each with the name of its node.
     pub messages: &'a mut Vec<(String, Message)>,
 }
 
@@ -274,7 +274,7 @@ impl Out<'_> {
     }
 }
 
-/// Returns the earlier of two deadlines.
+/// Returns the earlier of two deadlines; either may be absent.
 pub fn earliest(a: Option<Time>, b: Option<Time>) -> Option<Time> {
     match (a, b) {
         (Some(a), Some(b)) => Some(a.min(b)),

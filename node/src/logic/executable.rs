@@ -1,30 +1,30 @@
-//! The way in which the kernel would execute a file, by the bytes that it begins with. Sources: execve(2), elf(5),
-//! fs/binfmt_script.c and fs/binfmt_elf.c in Linux.
+//! How the kernel would execute a file, judged by its first bytes. Sources: execve(2), elf(5), fs/binfmt_script.c and
+//! fs/binfmt_elf.c in Linux.
 
-/// How many bytes the kernel reads to determine the kind of a file.
+/// How many bytes the kernel reads to recognise the kind of a file.
 pub const BEGIN_SIZE: usize = 256;
-/// How an executable in the format of Linux begins.
+/// The first bytes of an executable in the format of Linux.
 const ELF: &[u8] = b"\x7fELF";
-/// How a script begins.
+/// The first bytes of a script.
 const SCRIPT: &[u8] = b"#!";
 /// Types of ELF files that can be executed: `ET_EXEC` and `ET_DYN`.
 const EXECUTABLE: [u16; 2] = [2, 3];
 /// The type of a program header that names the loader: `PT_INTERP`.
 const LOADER: u64 = 3;
-/// Processors that execute the programs of another processor, if the kernel is built for that: x86-64 executes programs
-/// for i386, and AArch64 executes programs for ARM.
+/// Processors that execute the programs of another processor, if the kernel is built with that support. The first pair:
+/// x86-64 executes programs for i386; the second: AArch64 executes programs for ARM.
 const COMPATIBLE: [(u16, u16); 2] = [(62, 3), (183, 40)];
 
 /// The format of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// Nothing is in it.
+    /// The file is empty.
     Empty,
     /// Text for an interpreter.
     Script(Script),
     /// A program for a processor.
     Elf(Elf),
-    /// Nothing that the kernel executes by itself.
+    /// A file that the kernel does not execute by itself.
     Unknown,
 }
 
@@ -35,7 +35,7 @@ pub struct Script {
     pub interpreter: String,
     /// The rest of the line: one argument.
     pub argument: String,
-    /// Whether the line ends with a carriage return, which the kernel takes for a part of the last word.
+    /// Whether the line ends with a carriage return. The kernel takes this character as a part of the last word.
     pub has_carriage_return: bool,
 }
 
@@ -60,13 +60,13 @@ struct Table {
 /// A piece of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Piece {
-    /// Where it begins.
+    /// Where the piece begins.
     pub offset: u64,
-    /// How long it is, in bytes.
+    /// How long the piece is, in bytes.
     pub length: u64,
 }
 
-/// Returns the format of a file by its first [`BEGIN_SIZE`] bytes; less only if it is shorter.
+/// Returns the format of a file by its first [`BEGIN_SIZE`] bytes, or by all bytes of a shorter file.
 pub fn format(begin: &[u8]) -> Format {
     if begin.is_empty() {
         return Format::Empty;
@@ -106,18 +106,18 @@ fn number(bytes: &[u8], at: usize, size: usize, is_little: bool) -> Option<u64> 
 }
 
 impl Elf {
-    /// Returns whether it is a program, rather than an object file or the memory image of a crashed program.
+    /// Returns whether the file is a program, and not an object file or the memory image of a crashed program.
     pub fn is_executable(&self) -> bool {
         EXECUTABLE.contains(&self.kind) && self.headers.count > 0
     }
 
-    /// Returns whether it is for the same processor as another program, which runs.
+    /// Returns whether the processor of `running`, a program that runs here, can also execute this program.
     pub fn is_for_processor_of(&self, running: &Self) -> bool {
         let is_same = self.machine == running.machine && self.is_little == running.is_little;
         is_same || COMPATIBLE.contains(&(running.machine, self.machine))
     }
 
-    /// Returns the name of the processor that it is for.
+    /// Returns the name of the processor that the program is for.
     pub fn processor(&self) -> String {
         let name = match self.machine {
             3 => "x86 (32 bit)",
@@ -135,13 +135,13 @@ impl Elf {
         name.to_owned()
     }
 
-    /// Returns where the program headers are.
+    /// Returns where the program headers are in the file.
     pub fn headers(&self) -> Piece {
         let Table { offset, size, count } = self.headers;
         Piece { offset, length: u64::from(size) * u64::from(count) }
     }
 
-    /// Returns where the path of its loader is, by its program headers; nothing if it needs none.
+    /// Returns where the path of the loader is, by the program headers; nothing if the program needs no loader.
     pub fn loader(&self, headers: &[u8]) -> Option<Piece> {
         let (offset, length, size) = if self.is_64 { (8, 32, 8) } else { (4, 16, 4) };
         headers.chunks(usize::from(self.headers.size).max(1)).find_map(|header| {
@@ -156,7 +156,7 @@ impl Elf {
 mod tests {
     use super::*;
 
-    /// The header of a program of 64 bits with one program header, which names the loader.
+    /// Returns the header of a 64-bit program with one program header, which names the loader.
     fn program(machine: u16) -> Vec<u8> {
         let mut bytes = vec![0; 120];
         bytes[..6].copy_from_slice(b"\x7fELF\x02\x01");

@@ -1,14 +1,14 @@
-//! The gate of a node in a team: a request that starts, stops or changes something passes only if it is signed by a
-//! user who may do that.
+//! The gate of a node in a team. It checks requests that start, stop or change something. Such a request passes only if
+//! it is signed by a user with the permission for it.
 //!
 //! ```text
 //! dca ──Signed(Deploy)──▶ gate of the home ──▶ Coordinator ──Ordered(Prepare)──▶ gate of each host ──▶ Participant
 //! ```
-//! The home passes on the request that the user has signed, and each host compares its orders with it. So a home or a
-//! relay that lies starts nothing. A request counts once on each node. Its number is in the [`Ledger`], which is on the
-//! disk before anything is done.
+//! The home passes on the request that the user has signed, and each host compares the home's orders with the request.
+//! So a home or a relay that lies cannot start anything. Each node accepts a request only once. Its number is in the
+//! [`Ledger`], which is on the disk before anything is done.
 //!
-//! The ends of activations, and the order to end everything, need no signature: they follow from the plan that was signed.
+//! Orders to end an activation, or to end everything, need no signature: they follow from the signed plan.
 
 mod action;
 mod ledger;
@@ -54,31 +54,31 @@ pub struct Attempt {
 /// A call that may pass.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Passed {
-    /// It needs no signature.
+    /// The call needs no signature.
     Open(Request),
-    /// It is signed by a user who may ask for it. The ledger has to be on the disk before it is carried out.
+    /// The call is signed by a user who may ask for it. The ledger has to be on the disk before the call is carried out.
     Signed(Attempt, Box<Signed>),
 }
 
-/// Something was refused: nothing is done, and nothing has changed.
+/// A refusal. Nothing is done, and nothing has changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refused {
-    /// The user and the action.
+    /// The refused user and action.
     pub attempt: Attempt,
     /// The reason.
     pub why: Refusal,
 }
 
-/// Why something was refused.
+/// Why a request or an order was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum Refusal {
-    /// It is not signed.
+    /// It has no signature, but this action needs one.
     #[error("it is not signed: in a team, to {0} needs the key of a user (`dca team key`)")]
     Unsigned(Action),
     /// The signed payload is not a request, or not one that needs a signature.
     #[error("the signed payload is not a request that needs a signature")]
     Unreadable,
-    /// It is signed for something else.
+    /// The signature is for another action.
     #[error("it is signed to {signed}, and asks to {asked}")]
     Action {
         /// The signed action.
@@ -86,13 +86,13 @@ pub enum Refusal {
         /// The requested action.
         asked: Action,
     },
-    /// A program is called in another way than was signed.
+    /// The call of a program differs from the signed call.
     #[error("another call was signed than the one that has come")]
     OtherCall,
     /// The order differs from the signed request.
     #[error("what `{0}` orders is not what was signed")]
     Altered(String),
-    /// The epoch is outdated.
+    /// The epoch of the order is outdated.
     #[error("it is of epoch {found}, but epoch {known} is known")]
     Epoch {
         /// The epoch of the order.
@@ -145,7 +145,7 @@ fn hint(why: &request::Refusal) -> &'static str {
 }
 
 impl Gate {
-    /// Returns the gate of a node that has this key and this name in its certificate.
+    /// Returns the gate of the node that has this key and this name in its certificate.
     pub const fn new(node: KeyId, name: Name, ledger: Ledger) -> Self {
         Self { node, name, ledger, news: Vec::new() }
     }
@@ -155,15 +155,16 @@ impl Gate {
         &self.ledger
     }
 
-    /// Takes the records of requests accepted since the last call, to be added to the ledger on the disk.
+    /// Returns and clears the records of the requests accepted since the last call of this method. They are to be added
+    /// to the ledger on the disk.
     pub fn take_news(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.news)
     }
 
-    /// Decides about the call of a command line. `epoch_of` says which epoch of a deployment runs here, 0 if none does.
+    /// Decides about the call of a command line. `epoch_of` says which epoch of a deployment runs here; 0 if no epoch runs.
     ///
     /// # Errors
-    /// It is refused.
+    /// The call is refused.
     pub fn call(
         &mut self,
         request: Request,
@@ -175,7 +176,7 @@ impl Gate {
             let attempt = Attempt { who: "somebody".to_owned(), what: subject(&request) };
             return Err(Refused { attempt, why: Refusal::Unsigned(action) });
         };
-        // A call is judged only with the call that the program has received.
+        // A call of a program is judged later, by `procedure`: only then is it known which call the program has received.
         let asked = signed.request().ok().filter(|request| !matches!(request, Request::Call(_)));
         let asked = asked.and_then(|request| Some((action(&request)?, request)));
         let who = signer(&signed);
@@ -193,7 +194,7 @@ impl Gate {
     /// Decides about a user's call of a program of this node.
     ///
     /// # Errors
-    /// It is refused.
+    /// The call is refused.
     pub fn procedure(&mut self, asked: CallRequest, signed: &Signed, judge: &Judge<'_>) -> Result<Attempt, Refused> {
         let request = Request::Call(Box::new(asked));
         let attempt = Attempt { who: signer(signed), what: subject(&request) };
@@ -233,7 +234,7 @@ impl Gate {
     /// Decides about an order of another node that starts something.
     ///
     /// # Errors
-    /// It is refused.
+    /// The order is refused.
     pub fn order(
         &mut self,
         deployment: &Deployment,
@@ -269,7 +270,7 @@ impl Gate {
         let (place, deployed) = (Place::new(from, &deployment.name), plan.name.parse().ok());
         let (is_first, epoch) = (*order == Order::Prepare, deployment.epoch);
         let known = self.ledger.epoch(&place);
-        // After a reboot its home begins it again under a later epoch, as the user has signed.
+        // After a reboot, the home begins the deployment again under a later epoch. The signed plan allows this.
         let may_resume = is_first && plan.on_boot == OnBoot::Resume && epoch > known;
         let resumed = may_resume.then(|| self.ledger.accepted(&place, known, mark.0, mark.1)).flatten();
         let follows = match resumed {
@@ -283,8 +284,8 @@ impl Gate {
             return Err(Refusal::Epoch { found: epoch, known });
         }
         let Self { node, name, ledger, news } = self;
-        // A request that was accepted for this very deployment stays valid: its number is spent, and it may have
-        // expired.
+        // A request that was accepted for this epoch of the deployment stays valid, although its number is already used
+        // and it may have expired.
         let before = ledger.accepted(&place, epoch, mark.0, mark.1).filter(|_| !is_first).or(resumed);
         let judge = Judge { now: before.unwrap_or(judge.now), ..*judge };
         let context = Context { judge, node: *node, name, deployment: deployed.as_ref(), epoch_min: 0 };
@@ -301,11 +302,11 @@ impl Gate {
         Ok(())
     }
 
-    /// Decides whether a deployment of this home may begin again after a reboot: its home has accepted it when it was begun, and its
-    /// signer may have been revoked since.
+    /// Decides whether a deployment of this home may begin again after a reboot. The home has accepted the request when
+    /// the deployment was begun, but its signer may have been revoked since.
     ///
     /// # Errors
-    /// It is refused.
+    /// The deployment is refused.
     pub fn resumed(
         &self,
         deployment: &Deployment,
@@ -348,18 +349,18 @@ impl Gate {
     }
 }
 
-/// Returns the claimed signer, for users.
+/// Returns the signer that the request claims, for users.
 fn signer(signed: &Signed) -> String {
     request::Request::peek(&signed.head).map_or_else(|_unreadable| "somebody".to_owned(), |(_, name)| name.to_string())
 }
 
-/// Checks that the signature is for this action; returns its epoch.
+/// Checks that the signature is for this action; returns the signed epoch.
 fn check_action(signed: &Signed, asked: Action) -> Result<u64, Refusal> {
     let (head, _) = request::Request::peek(&signed.head).map_err(request::Refusal::Form)?;
     if head.action == asked { Ok(head.epoch) } else { Err(Refusal::Action { signed: head.action, asked }) }
 }
 
-/// Returns whether an order follows from a request.
+/// Returns whether an order agrees with a signed request.
 fn follows(order: &Order, request: &Request, signed: &Plan, epoch: u64) -> bool {
     let change = if let Request::Change(change) = request { Some(&**change) } else { None };
     if change.is_some_and(|change| change.epoch != epoch || change.name != signed.name) {
@@ -381,7 +382,7 @@ fn follows(order: &Order, request: &Request, signed: &Plan, epoch: u64) -> bool 
     }
 }
 
-/// Returns whether the change asks for the program of each of these leaves to be started again.
+/// Returns whether the change asks to start the program of each of these leaves again.
 fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool {
     let is_named = |leaf: &u32| {
         let leaf = plan.leaves.get(*leaf as usize);
@@ -390,10 +391,11 @@ fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool
     again.iter().all(is_named)
 }
 
-/// Returns whether a plan is the signed one, apart from its numbers: a plan that was changed at run time keeps the
-/// numbers of the previous plan. Leaves that were removed are still listed, and are not started.
+/// Returns whether a plan is the signed plan, apart from its numbers. A plan that was changed at run time keeps the
+/// numbers of the previous plan. Removed leaves are still listed in it, but are not started.
 fn is_same(plan: &Plan, signed: &Plan) -> bool {
-    // A leaf with a duplicate path could hide another one. Of several leaves of one path that have run, one is started.
+    // A leaf with the same path as another could hide that other leaf. Several leaves of one path may have run, but
+    // only one of them is live.
     let live = plan.live_leaves();
     let paths = live.iter().filter_map(|number| plan.leaves.get(*number as usize)).map(|leaf| leaf.path.as_str());
     let has_no_more = paths.collect::<BTreeSet<&str>>().len() == live.len()

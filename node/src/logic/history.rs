@@ -1,5 +1,5 @@
-//! The reports of a deployment so far: for callers that watch it, were cut off and return, and for those that listen to
-//! everything.
+//! The reports of a deployment so far. They are for callers that watch it, for callers that return after their
+//! connection was cut, and for callers that listen to everything.
 
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Answer, Deployment, Event, Report};
@@ -8,21 +8,21 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How many reports are kept: the first ones and the latest. Reports between them are left out, and counted.
+/// How many reports are kept: the first and the latest. The reports between these are left out, but counted.
 const REPORTS_MAX: usize = 20_000;
-/// How many of the first reports are always kept: they show how the deployment began.
+/// How many of the first reports are always kept. They show how the deployment began.
 const FIRST_MAX: usize = 1000;
-/// How many of the plans that changes have adopted are kept.
+/// How many adopted plans of changes are kept.
 const PLANS_MAX: usize = 16;
-/// How many events are told in one answer: a caller has room for so many answers only.
+/// How many events are sent in one answer. A caller can buffer only a limited number of answers.
 const EVENTS_IN_ONE: usize = 512;
 
-/// The calls that hear of a deployment.
+/// The calls that get the reports of a deployment.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Audience {
-    /// The calls that wait for its reports.
+    /// The calls that wait for the reports of this deployment.
     pub watchers: Vec<u64>,
-    /// The calls that listen to all deployments.
+    /// The calls that get the events of all deployments.
     pub listeners: Vec<u64>,
 }
 
@@ -41,7 +41,7 @@ pub struct History {
     /// The hosts of its plan.
     hosts: Vec<String>,
     entries: VecDeque<Entry>,
-    /// How many reports there were.
+    /// How many reports have been made.
     count: u64,
 }
 
@@ -50,7 +50,7 @@ pub struct History {
 struct Entry {
     number: u64,
     at: Time,
-    /// When it was on the calendar clock, as time since 1970.
+    /// When the report was made on the calendar clock, as time since 1970.
     time: Duration,
     /// Index into the hosts of the plan.
     host: u32,
@@ -68,12 +68,12 @@ impl History {
         &self.deployment
     }
 
-    /// Returns the reports that are kept, the last first.
+    /// Returns the kept reports, the last one first.
     pub fn latest(&self) -> impl Iterator<Item = &Report> {
         self.entries.iter().rev().map(|entry| &entry.report)
     }
 
-    /// Keeps a report about a host of the plan, and tells it to the audience.
+    /// Keeps a report about a host of the plan, and sends it to the audience.
     pub fn report(&mut self, report: Report, host: u32, audience: &Audience, out: &mut Out<'_>) {
         for &call in &audience.watchers {
             out.answer(call, Answer::Report(report.clone()));
@@ -92,15 +92,15 @@ impl History {
         self.entries.push_back(entry);
     }
 
-    /// Leaves out all plans except the latest, to make room for one more: plans are long.
+    /// Drops all plans except the latest, to make room for one more: plans are long.
     fn drop_plans(&mut self) {
         let plans = self.entries.iter_mut().rev().filter(|entry| matches!(entry.report, Report::Replanned { .. }));
         plans.skip(PLANS_MAX - 1).for_each(|entry| entry.report = Report::Omitted { count: 1 });
     }
 
-    /// Repeats the reports that are missing for a caller who has the first `seen` of them.
+    /// Sends a caller who has the first `seen` reports all later ones.
     pub fn tell_missed(&self, call: u64, seen: u64, out: &mut Out<'_>) {
-        // The end is always reported, because it ends the watch.
+        // The report of the end is always sent, because it ends the watch.
         let end = self.entries.back().filter(|last| is_last(&last.report));
         let mut next = end.map_or(seen, |end| seen.min(end.number));
         let mut tell = |report| {
@@ -118,7 +118,7 @@ impl History {
         }
     }
 
-    /// Reports all events so far to a caller who listens to everything.
+    /// Sends all events so far to a caller who listens to everything.
     pub fn tell(&self, call: u64, out: &mut Out<'_>) {
         let (mut events, mut next) = (Vec::new(), 0);
         for entry in &self.entries {
@@ -140,12 +140,12 @@ impl History {
         self.hosts.get(entry.host as usize).cloned().unwrap_or_default()
     }
 
-    /// Returns a report in the form for callers who listen to everything, or nothing if it does not concern them.
+    /// Returns a report in the form for callers who listen to everything; nothing if it does not concern them.
     fn event(&self, entry: &Entry, now: Time) -> Option<Event> {
-        // Addresses of programs, steps of supervisors and plans are for callers that follow one mission.
+        // Addresses of programs, steps of supervisors, and plans are only for callers that follow one mission.
         let report = match &entry.report {
             Report::Programs { .. } | Report::Stepped { .. } | Report::Replanned { .. } => return None,
-            // The replacement of a plan does not concern them either.
+            // The marker of a dropped plan is also only for those callers.
             Report::Omitted { .. } => return None,
             Report::Go { took, .. } => Report::Go { took: *took, signals: Vec::new() },
             Report::Accepted { .. }
@@ -211,7 +211,7 @@ mod tests {
         effects.into_iter().map(answer).collect()
     }
 
-    /// The number of each report that is told, and how many were left out before it.
+    /// Returns the number of each report that is sent, and how many reports were left out before it.
     fn missed(history: &History, seen: u64) -> Vec<(u64, u64)> {
         let (mut omitted, mut reports) = (0, Vec::new());
         for answer in told(|out| history.tell_missed(1, seen, out)) {
@@ -234,7 +234,8 @@ mod tests {
         assert_eq!((whole[0], whole[FIRST_MAX - 1]), ((0, 0), (first - 1, 0)));
         assert_eq!(whole[FIRST_MAX], (first + 500, 500));
         assert_eq!(whole.last(), Some(&(all + 499, 0)));
-        // A caller who saw the beginning misses fewer reports; a caller who has seen the omitted ones misses none.
+        // A caller who has seen the first reports misses fewer of the omitted reports. A caller who has seen all
+        // omitted reports misses none.
         assert_eq!(missed(&history, first + 100)[0], (first + 500, 400));
         assert_eq!(missed(&history, first + 700)[0], (first + 700, 0));
         assert_eq!(missed(&history, all + 499), [(all + 499, 0)]);
@@ -259,7 +260,7 @@ mod tests {
         assert!(events.windows(2).all(|pair| pair[0].number < pair[1].number));
     }
 
-    /// Many changes do not make a history longer than its plans: of those the latest are kept, and every report is counted.
+    /// With many changes, the history does not grow by all their plans: only the latest plans are kept, and every report is counted.
     #[test]
     fn of_plans_the_latest_are_kept_and_no_listener_hears_of_them() {
         let mut history = history(1);

@@ -1,12 +1,13 @@
 //! In-order, exactly-once messages between two running nodes.
 //!
-//! Zenoh keeps nothing for a peer that is away. So each side keeps the unacknowledged messages, and sends them again
-//! (go-back-N): first the oldest, after a longer wait each time, until something is acknowledged, then the next.
+//! Zenoh keeps nothing for a peer that is away. So each side keeps the unacknowledged messages and sends them again
+//! (go-back-N). It repeats the oldest messages, after a longer wait each time, until some are acknowledged. Then it
+//! continues with the next ones.
 //!
-//! A link belongs to one pair of boots. When either node restarts, both sides restart at 1, because the state that the
-//! old messages refer to is gone. The same happens when one side has discarded the link, for example because newer
-//! boots of that name evicted it. Each side reports since when its link exists, and the other side restarts when that
-//! time is later. Invariant: a message is delivered once, after all earlier ones.
+//! A link belongs to one pair of boots. When either node restarts, both sides count from 1 again, because the state
+//! that the old messages refer to is gone. The same happens when one side has discarded the link, for example because
+//! newer boots of that name have displaced it. Each side reports since when its link exists. If that time has become
+//! later, the other side counts from 1 again. Invariant: a message is delivered once, after all earlier ones.
 
 use crate::logic::protocol::{Body, Message};
 use comms::logic::codec::{Enveloped, Kind};
@@ -15,13 +16,13 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How long an unacknowledged message waits at least before it is sent again; on a slow line, twice the round trip.
+/// How long an unacknowledged message waits at least before it is sent again. On a slow line, it waits for twice the round trip.
 pub(super) const RESEND_AFTER: Duration = Duration::from_millis(200);
-/// How long it waits at most, however often it was sent in vain.
+/// How long an unacknowledged message waits at most, however often it was sent in vain.
 pub(super) const RESEND_AFTER_MAX: Duration = Duration::from_secs(5);
 /// How many messages are sent again at once.
 const WINDOW: usize = 64;
-/// How many unacknowledged messages are kept; past that the peer counts as lost.
+/// How many unacknowledged messages are kept. If there were more, the peer is considered lost.
 const BACKLOG_MAX: usize = 4096;
 
 /// A frame of a link: one message or a bare acknowledgement.
@@ -31,33 +32,33 @@ pub struct Frame {
     pub from: String,
     /// Boot number of the sender.
     pub boot: u64,
-    /// Boot number of the receiver, as the sender knows it; a frame for another boot is dropped.
+    /// Boot number of the receiver, as the sender knows it. A frame for another boot is dropped.
     pub boot_peer: u64,
     /// The two ends of the link.
     pub ends: Ends,
-    /// All messages up to this number have arrived at the sender.
+    /// The sender has received all messages up to this number.
     pub acknowledged: u64,
     /// A numbered message.
     pub message: Option<(u64, Message)>,
 }
 
-/// Since when each end of a link exists, on the clock of its own node.
+/// Since when each end of a link exists, on the clock of that end's node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ends {
-    /// The clock of the sender.
+    /// The time of the sender's end.
     pub own: Time,
-    /// The clock of the receiver, once the sender has heard it.
+    /// The time of the receiver's end, once the sender has received it.
     pub peer: Option<Time>,
 }
 
-/// The result of a frame.
+/// The result of receiving a frame.
 #[derive(Debug, Default, PartialEq)]
 pub struct Received {
-    /// The message that it delivers.
+    /// The message that the frame delivers.
     pub message: Option<Message>,
     /// The acknowledgement to send.
     pub answer: Option<Frame>,
-    /// Whether the peer had forgotten the link: the peer counts this node as lost.
+    /// Whether the peer had discarded the link, which means that the peer considers this node lost.
     pub is_anew: bool,
 }
 
@@ -65,7 +66,7 @@ impl Enveloped for Frame {
     const KIND: Kind = Kind::Frame;
 }
 
-/// One direction-pair to one boot of a peer.
+/// The messages to and from one boot of a peer.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Link {
     host: String,
@@ -75,14 +76,14 @@ pub struct Link {
     sent: u64,
     received: u64,
     backlog: VecDeque<Unacknowledged>,
-    /// The round trip of the line, if it is known.
+    /// The measured round trip of the line, if it is known.
     round_trip: Option<Duration>,
-    /// How long this node waits for the next answer.
+    /// How long this node waits for the next acknowledgement.
     patience: Duration,
     resend_at: Option<Time>,
-    /// The last message that was sent when a resend was needed, and the last one that was sent again.
+    /// The last message that had been sent when a resend became necessary, and the last message that was sent again.
     recovering: (u64, u64),
-    /// Whether the peer counts as lost: then it is only probed.
+    /// Whether the peer is considered lost: then only one message at a time is sent again.
     lost: bool,
 }
 
@@ -91,8 +92,8 @@ pub struct Link {
 struct Unacknowledged {
     number: u64,
     message: Message,
-    /// When it was sent for the first time; none once it was sent again, since it is unknown which copy is
-    /// acknowledged.
+    /// When the message was sent for the first time. Nothing after it was sent again, since then it is unknown which
+    /// copy is acknowledged.
     sent: Option<Time>,
 }
 
@@ -121,7 +122,7 @@ impl Link {
         self.boot_peer
     }
 
-    /// Takes a message to deliver; the returned frame goes out at once. None when the backlog is full.
+    /// Takes a message to deliver. The returned frame has to be sent at once. Returns nothing if too many messages are unacknowledged.
     pub fn send(&mut self, now: Time, message: Message) -> Option<Frame> {
         if self.backlog.len() >= BACKLOG_MAX {
             return None;
@@ -132,16 +133,16 @@ impl Link {
         Some(self.frame(Some((self.sent, message))))
     }
 
-    /// Drops the messages that have not arrived: the peer counts as lost, and must not act on them when it returns.
-    /// Final messages stay, since a peer that has not lost this node waits for them. Until the peer is reached again it
-    /// is only probed.
+    /// Drops the messages that have not arrived: the peer is considered lost, and must not act on them when it returns.
+    /// Final messages are kept, since a peer that has not lost this node waits for them. Until the peer is reached
+    /// again, only one message at a time is sent again.
     pub fn abandon(&mut self) {
         self.lost = true;
         let others = self.backlog.iter_mut().map(|kept| &mut kept.message).filter(|message| !message.is_final());
         others.for_each(|message| message.body = Body::Tombstone);
     }
 
-    /// Takes note that the peer is there again: the unacknowledged messages are sent at once.
+    /// Notes that the peer can be reached again: the unacknowledged messages are sent at once.
     pub fn reached(&mut self, now: Time) {
         self.lost = false;
         self.patience = self.patience_first();
@@ -157,7 +158,7 @@ impl Link {
             return Received::default();
         }
         if frame.ends.peer.is_some_and(|own| own != self.ends.own) {
-            // The frame belongs to the previous link, which has counts of its own.
+            // The frame belongs to the previous link, which had its own message numbers.
             return Received { answer: Some(self.frame(None)), ..Received::default() };
         }
         let is_anew = self.ends.peer.replace(frame.ends.own).is_some_and(|known| known < frame.ends.own);
@@ -173,8 +174,7 @@ impl Link {
         Received { message, answer: Some(self.frame(None)), is_anew }
     }
 
-    /// Counts from 1 again. The peer has lost this node, so it gets the final messages, and no other unacknowledged
-    /// ones.
+    /// Starts to count from 1 again. The peer has lost this node. So of the unacknowledged messages, it gets only the final ones.
     fn begin_anew(&mut self, now: Time) {
         self.backlog.retain(|kept| kept.message.is_final());
         (self.sent, self.received, self.recovering) = (0, 0, (0, 0));
@@ -203,7 +203,7 @@ impl Link {
         if progress {
             self.patience = self.patience_first();
             let (sent_before, sent_again) = self.recovering;
-            // The peer has dropped the frames after a gap: they are sent again as soon as the gap is filled.
+            // The peer has dropped all frames after a gap. These frames are sent again as soon as the gap is filled.
             let next_round = oldest <= sent_before && acknowledged >= sent_again;
             self.resend_at = Some(if next_round { now } else { now + self.patience });
         }
@@ -260,7 +260,7 @@ mod tests {
         (Link::new(Time::ZERO, "a", 1, 2), Link::new(Time::ZERO, "b", 2, 1))
     }
 
-    /// A pair of links over a line that loses, repeats and swaps frames as a seeded generator says.
+    /// Two ends exchange messages over a line that loses, repeats and swaps frames as a seeded generator says.
     #[test]
     fn delivers_in_order_and_once_over_a_bad_line() {
         for seed in 0..200_u64 {
@@ -305,7 +305,7 @@ mod tests {
         }
     }
 
-    /// The first resends of a minute are quick, since the line may only have lost one frame; then they become rare.
+    /// The first resends in a minute come quickly, since the line may have lost only one frame. Later resends are rare.
     #[test]
     fn a_peer_that_does_not_answer_is_not_flooded() {
         for (lost, most) in [(false, 20 * WINDOW), (true, 20)] {
@@ -327,7 +327,7 @@ mod tests {
         }
     }
 
-    /// A line of 50 ms each way that was cut: everything is there as soon as it can be, and each message is sent again once.
+    /// A line of 50 ms each way was cut. Afterwards, all messages arrive as soon as possible, and each message is sent again once.
     #[test]
     fn a_long_backlog_comes_window_by_window() {
         let (mut a, mut b) = pair();
@@ -351,7 +351,7 @@ mod tests {
         assert_eq!((frames, now - began), (1000, Duration::from_millis(1600)));
     }
 
-    /// Twice a round trip passes before a message is sent again, so a slow line does not carry everything twice.
+    /// A message is sent again only after twice the round trip, so a slow line does not carry everything twice.
     #[test]
     fn a_slow_line_is_waited_for() {
         let (mut a, mut b) = pair();
@@ -370,7 +370,7 @@ mod tests {
         assert_eq!(b.receive(Time::ZERO, frame), Received::default());
     }
 
-    /// One side discards the link now and then, over a line that loses, repeats and delays frames. Both sides recover:
+    /// One side discards the link once, over a line that loses, repeats and delays frames. Both sides recover:
     /// later messages arrive in order and once, and the other side loses no final message.
     #[test]
     fn a_link_that_one_side_has_forgotten_begins_anew() {
@@ -390,10 +390,10 @@ mod tests {
                 now = now + Duration::from_millis(50);
                 if step == forgets {
                     b = Link::new(now, "b", 2, 1);
-                    // Earlier deliveries do not count.
+                    // Earlier deliveries are not compared.
                     got.clear();
                 }
-                // The last message comes when both ends have found each other again.
+                // The last message is sent when both ends have found each other again.
                 if draw(3) == 0 && step < 300 || step == 400 {
                     sent += 1;
                     lines[1].extend(a.send(now, numbered(sent)));
@@ -406,7 +406,7 @@ mod tests {
                 for to in [0, 1] {
                     for _ in 0..lines[to].len() {
                         let at = usize::try_from(draw(u64::try_from(lines[to].len()).unwrap())).unwrap();
-                        // Repeated, lost, or neither.
+                        // The frame is repeated, lost, or neither.
                         let frame = if draw(4) == 0 { lines[to][at].clone() } else { lines[to].swap_remove(at) };
                         if draw(5) == 0 {
                             continue;

@@ -1,17 +1,17 @@
-//! The table of other nodes: which are there, which are missing, and which are lost.
+//! The table of other nodes: which are present, which are missing, and which are lost.
 //!
-//! A node is there because it has answered: this one asks others, in numbered rounds, and each answers with the number
-//! of the round. Important nodes are asked about once a second, the others seldom: see `attention`. Some events make
+//! A node is present because it has answered. This node asks others in numbered rounds, and each answers with the
+//! number of the round. Important nodes are asked once a second, the others seldom: see `attention`. Some events make
 //! this node ask all nodes of one name at once: a token that appears or vanishes, a second node of the same name, or a
 //! message of an unlisted node. Only nodes of that name are asked. Otherwise one arriving node would make all 32 nodes
-//! query each other. Tokens get lost, arrive in any order, and can be made by anyone. Evidence against a node is
-//! cleared by its answer to a later round, never by one to an earlier round.
+//! query each other. Tokens get lost, arrive in any order, and can be made by anyone. If something suggests that a node
+//! is gone, its answer to a later round refutes this. An answer to an earlier round does not.
 //!
-//! A node that does not answer is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that
-//! was suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the
-//! name for as long as it is not lost, and the second is refused until then. The next boot of a node that was killed
-//! has its name at once: it has the same folder of the same machine, which two nodes never have at once. This module
-//! never acts on a wall clock.
+//! A node that does not answer is at first only missing. It is lost after [`LOST_AFTER`]: a short cut, or a node that
+//! was suspended, must not end a mission. If two nodes have one name, both are kept. The first one that answered holds
+//! the name until it is lost, and until then the second is refused. If a node was killed, its next boot gets the name
+//! at once: it has the same folder of the same machine, which two nodes never have at once. This module never uses the
+//! calendar clock.
 
 mod attention;
 mod change;
@@ -28,19 +28,19 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
-/// How long a node may be missing before its part of a deployment counts as lost.
+/// How long a node may be missing before its parts of deployments count as lost.
 pub const LOST_AFTER: Duration = Duration::from_secs(5);
 /// How often the nodes that matter now are asked.
 pub(super) const ASK_EVERY: Duration = Duration::from_secs(1);
 /// The shortest time between two rounds, whatever happens.
 pub(super) const ASK_GAP: Duration = Duration::from_millis(100);
-/// How many names are asked in a round. If there are more names, all nodes are asked.
+/// The most names that are asked in a round. If there are more names, all nodes are asked.
 const ASKED_MAX: usize = 64;
-/// How many rounds an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
+/// The most rounds by which an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
 const ROUNDS_MAX: usize = 64;
-/// How long a node whose token has vanished has to answer, in addition to its usual time.
+/// How long a node may take to answer after its token has vanished, in addition to its usual time.
 pub(super) const DOUBT: Duration = Duration::from_millis(300);
-/// How long a node has to answer when another node has taken its name: the first node may be busy.
+/// How long a node may take to answer after another node has taken its name: the first node may be busy.
 const DOUBT_RIVAL: Duration = Duration::from_secs(2);
 /// The time after which a silent node counts as missing, from its last answer. The node is asked each second, and its
 /// usual time to answer is added.
@@ -50,9 +50,9 @@ pub(super) const SILENCE_MAX: Duration = Duration::from_millis(2500);
 pub(super) const SILENCE_MISSING: Duration = Duration::from_secs(1);
 /// How long lost nodes are remembered. After that, no answer to a round from before the loss is accepted any more.
 pub(super) const REMEMBERED: Duration = Duration::from_secs(120);
-/// How many names are kept.
+/// The most names that are kept.
 const NAMES_MAX: usize = 1024;
-/// How many nodes of one name are kept.
+/// The most nodes of one name that are kept.
 const LIVES_MAX: usize = 8;
 /// How long the second node of a name stays, so that the first node and others can notice and report it.
 pub(super) const KNOWN_WITHIN: Duration = Duration::from_secs(3);
@@ -64,15 +64,15 @@ struct Boot {
     /// [`Pong::origin`].
     origin: u32,
     last: Answer,
-    /// The time from which its silence counts; none while no answer is expected.
+    /// The time from which its silence counts; nothing while no answer is expected.
     owes: Option<Time>,
-    /// Since when it is there.
+    /// Since when it is present.
     there_since: Time,
     /// The first round that it answered.
     first: u64,
     /// Answers to rounds before this one prove nothing.
     proof: u64,
-    /// Since when something speaks against it, and until when it has to answer.
+    /// Since when something suggests that the boot is gone, and when its time to answer ends.
     doubted: Option<(Time, Time)>,
     reach: Reach,
     standing: Standing,
@@ -84,13 +84,13 @@ struct Boot {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Answer {
     heard: Time,
-    /// How long this node was away after the answer; this time does not count as silence.
+    /// How long this node was away after the answer. This time does not count as silence.
     slept: Duration,
-    /// How long the answer took from the question.
+    /// The time from the question to the answer.
     took: Duration,
 }
 
-/// Whether a boot is there.
+/// Whether a boot is present.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Reach {
     There,
@@ -102,13 +102,13 @@ enum Reach {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Standing {
     Alone,
-    /// This boot and the holder of its name were there at the same time.
+    /// This boot and the holder of its name were present at the same time.
     Rival,
-    /// It has this node's own name, and was there first.
+    /// It has the name of this node, and was present first.
     Elder,
 }
 
-/// Every boot of one name that is there, or was of late.
+/// All boots of one name that are present, or were present recently.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Peer {
     holder: Option<u64>,
@@ -125,9 +125,9 @@ pub struct NameServer {
     asked: Asked,
     /// The hosts that something here depends on.
     close: BTreeSet<String>,
-    /// The time until which all nodes are asked each second, because a user looks.
+    /// Until then, all nodes are asked each second, because a user looks.
     watched_until: Time,
-    /// When it was last inspected, and when the next inspection is due.
+    /// When the table was last updated, and when the next update is due.
     seen: Time,
     due: Time,
     changes: Vec<Change>,
@@ -136,21 +136,21 @@ pub struct NameServer {
 /// The questions to other nodes.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Asked {
-    /// The last rounds, and when each was.
+    /// The last rounds, with the time of each.
     rounds: VecDeque<(u64, Time)>,
     round: u64,
-    /// When all other nodes are asked next, and how often they were asked.
+    /// When all other nodes are asked next, and how many times they were asked.
     all_at: Time,
     all_count: u64,
     /// When the nodes that matter now are asked next.
     close_at: Time,
-    /// When some further nodes are asked, and their names.
+    /// When further nodes are asked, and the names of these nodes.
     some_at: Time,
     some: BTreeSet<String>,
 }
 
 impl NameServer {
-    /// Returns a table without others for the node `host`, booted as `boot`.
+    /// Returns an empty table for the node `host`, booted as `boot`.
     pub fn new(host: &str, boot: u64, now: Time) -> Self {
         Self {
             host: host.to_owned(),
@@ -166,12 +166,12 @@ impl NameServer {
         }
     }
 
-    /// Takes note that a token of a node is there.
+    /// Notes that the token of a node has appeared.
     pub fn token(&mut self, now: Time, host: &str, boot: u64) {
         self.heard_of(now, host, boot);
     }
 
-    /// Takes note that a token of a node is gone. A token of another boot says nothing about this one.
+    /// Notes that the token of a node has vanished. The token of another boot says nothing about this boot.
     pub fn no_token(&mut self, now: Time, host: &str, boot: u64) {
         let proof = self.asked.round + 1;
         let Some(life) = self.life_mut(host, boot).filter(|life| life.is_there()) else { return };
@@ -181,12 +181,12 @@ impl NameServer {
         self.ask_soon(now, host);
     }
 
-    /// Returns whether all others, which a new node asks every second, have had time to hear of this node.
+    /// Returns whether all other nodes have had time to hear of this node, since a new node asks them every second.
     pub fn is_known(&self, now: Time) -> bool {
         now.since(self.started) > KNOWN_WITHIN
     }
 
-    /// Takes note of a message of a node that is not an answer: an unlisted node is asked at once.
+    /// Notes a message of a node that is not an answer. If the node is not listed as present, it is asked at once.
     pub fn heard_of(&mut self, now: Time, host: &str, boot: u64) {
         let is_own = host == self.host && boot == self.boot;
         let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Boot::is_there);
@@ -196,7 +196,7 @@ impl NameServer {
         }
     }
 
-    /// Takes an answer.
+    /// Notes an answer.
     pub fn answered(&mut self, now: Time, pong: &Pong) {
         let (host, boot) = (&pong.from, pong.boot);
         let asked = self.asked.rounds.iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
@@ -220,7 +220,7 @@ impl NameServer {
             life.there_since = now;
         }
         if pong.holder.is_some_and(|holder| holder != self.boot) && *host != self.host {
-            // A node that deals with another node of this one's name does not count as there.
+            // If a node communicates with another node of this node's name, it does not count as present.
             if life.is_there() {
                 life.reach = Reach::Missing { since: now };
             }
@@ -247,7 +247,7 @@ impl NameServer {
         self.rest(now, &pong.from, boot);
     }
 
-    /// Returns whether one more node can be remembered; forgets a lost node of the same name if that helps.
+    /// Returns whether one more boot can be stored. If necessary, removes an absent boot of the same name.
     fn has_room(&mut self, host: &str, boot: u64) -> bool {
         let Some(peer) = self.peers.get_mut(host) else { return self.peers.len() < NAMES_MAX };
         if peer.lives.contains_key(&boot) || peer.lives.len() < LIVES_MAX {
@@ -258,14 +258,14 @@ impl NameServer {
         oldest.is_some_and(|oldest| peer.lives.remove(&oldest).is_some())
     }
 
-    /// Determines the holder of a name.
+    /// Determines which boot holds a name.
     fn settle(&mut self, now: Time, host: &str) {
         let next = self.asked.round + 1;
         let Some(peer) = self.peers.get_mut(host).filter(|_| *host != *self.host) else { return };
         let held = peer.holder.and_then(|boot| peer.lives.get(&boot));
         let is_free = held.is_none_or(|life| life.is_lost());
         let is_there = held.is_some_and(Boot::is_there);
-        // The next boot of a node that was killed: a second node waits until the first is lost.
+        // This is the next boot of a killed node. A second node of the name waits until the first is lost.
         let is_next = |life: &Boot| held.is_some_and(|held| held.origin == life.origin);
         let may_take = |life: &Boot| is_free || !life.is_rival() && (is_there || is_next(life));
         let others = peer.lives.iter().filter(|(boot, life)| Some(**boot) != peer.holder && life.is_there());
@@ -284,7 +284,7 @@ impl NameServer {
             return;
         }
         if holder.proof > first {
-            // This boot has answered a round that began when the other boot was there.
+            // The holder has answered a round that began when the other boot was present.
             let first = holder.place.clone();
             peer.lives.entry(boot).and_modify(|life| life.standing = Standing::Rival);
             self.changes.push(Change::Refused { host: host.to_owned(), place, first });
@@ -294,18 +294,18 @@ impl NameServer {
         }
     }
 
-    /// Returns where another node with this one's name runs that was there first, if there is one.
+    /// If another node has this node's name and was present first, returns where it runs.
     pub fn elder(&self) -> Option<&str> {
         let mut own = self.peers.get(&self.host).into_iter().flat_map(|peer| peer.lives.values());
         own.find(|life| life.is_elder() && life.is_there()).map(|life| life.place.as_str())
     }
 
-    /// Returns whether a node was seen and is not lost.
+    /// Returns whether a node is known and not lost.
     pub fn knows(&self, host: &str) -> bool {
         self.held(host).is_some_and(|life| !life.is_lost())
     }
 
-    /// Counts a node that no longer takes messages as lost; the node is there again when it answers.
+    /// Marks a node as lost, because it takes no messages any more. Its next answer makes it present again.
     pub fn lose(&mut self, now: Time, host: &str) {
         let proof = self.asked.round + 1;
         let holder = self.peers.get(host).and_then(|peer| peer.holder);
@@ -314,8 +314,8 @@ impl NameServer {
         }
     }
 
-    /// Returns when a node has answered last, or its link was last up: a node that is seldom asked may have answered
-    /// long before it was cut off.
+    /// Returns when a node last answered, or when its link was last up. If a node is seldom asked, its last answer may
+    /// be much older than the cut of its link.
     pub fn heard(&self, host: &str) -> Option<Time> {
         let life = self.held(host)?;
         let before = |since: Time| Time::ZERO + since.since(Time::ZERO).saturating_sub(SILENCE_MISSING);
@@ -333,28 +333,28 @@ impl NameServer {
         known.filter_map(|(host, peer)| Some((host.clone(), peer.holder?))).collect()
     }
 
-    /// Returns whether a node can be reached right now.
+    /// Returns whether a node can be reached now.
     pub fn reaches(&self, host: &str) -> bool {
         self.held(host).is_some_and(Boot::is_there)
     }
 
-    /// Returns the nodes that can be reached right now, in order of name.
+    /// Returns the nodes that can be reached now, sorted by name.
     pub fn present(&self) -> impl Iterator<Item = &str> {
         self.peers.keys().map(String::as_str).filter(|host| self.reaches(host))
     }
 
-    /// Returns the boots of other nodes with this one's name that are there, and whether each was there first.
+    /// Returns the present boots of other nodes with this node's name, and whether each was present before this node.
     pub fn namesakes(&self) -> impl Iterator<Item = (u64, bool)> {
         let own = self.peers.get(&self.host).into_iter().flat_map(|peer| &peer.lives);
         own.filter(|(_, life)| life.is_there()).map(|(boot, life)| (*boot, life.is_elder()))
     }
 
-    /// Returns where another node with this one's name runs.
+    /// Returns where another node with this node's name runs.
     pub fn place(&self, boot: u64) -> Option<&str> {
         self.peers.get(&self.host)?.lives.get(&boot).map(|life| life.place.as_str())
     }
 
-    /// Returns the names that two nodes have; this one is at `place`.
+    /// Returns the names that two nodes share. `place` is where this node runs.
     pub fn duplicates(&self, place: &str) -> Vec<Duplicate> {
         let of_name = |(host, peer): (&String, &Peer)| {
             let is_own = *host == self.host;
@@ -375,8 +375,8 @@ impl NameServer {
         self.peers.iter().flat_map(of_name).collect()
     }
 
-    /// Returns whether this node was away just now, killed or suspended, and whether the last answer of a host is so old that the host may
-    /// count this node as missing. True until [`NameServer::tick`].
+    /// Returns whether a host may count this node as missing: this node was just away, killed or suspended, and the
+    /// last answer of the host is old. Stays true until [`NameServer::tick`].
     pub fn has_slept(&self, now: Time, host: &str) -> bool {
         let slept = self.slept(now);
         slept > ASK_EVERY && self.held(host).is_some_and(|life| life.last.slept + slept > SILENCE_MAX)
@@ -386,7 +386,8 @@ impl NameServer {
         now.since(self.due.max(self.seen + ASK_EVERY))
     }
 
-    /// Shifts all times by the span that this node has slept, since others were not silent in it. After a long sleep it asks all.
+    /// Shifts all times by the time that this node was away, because others were not silent during it. If it was away
+    /// for long, asks all nodes.
     fn make_up(&mut self, now: Time) {
         let slept = self.slept(now);
         self.seen = now;
@@ -404,7 +405,7 @@ impl NameServer {
         }
     }
 
-    /// Lets time pass. Returns what has changed since the last call, and the round to ask others in, if it is time.
+    /// Notes that time has passed. Returns the changes since the last call, and the next round of questions if it is due.
     pub fn tick(&mut self, now: Time) -> (Vec<Change>, Option<Round>) {
         self.make_up(now);
         for host in self.peers.keys().cloned().collect::<Vec<_>>() {
@@ -447,7 +448,7 @@ impl NameServer {
         }
     }
 
-    /// Returns when [`NameServer::tick`] wants to be called.
+    /// Returns when [`NameServer::tick`] has to be called.
     pub fn deadline(&self) -> Option<Time> {
         let lives = self.peers.values().flat_map(|peer| peer.lives.values());
         let some = (!self.asked.some.is_empty()).then_some(self.asked.some_at);
@@ -455,7 +456,7 @@ impl NameServer {
         Some(lives.filter_map(Boot::deadline).chain(asked).fold(self.asked.all_at, Time::min))
     }
 
-    /// Has the nodes of a name asked as soon as the last round is not too close.
+    /// Schedules questions to the nodes of a name, as soon as the gap after the last round allows it.
     fn ask_soon(&mut self, now: Time, host: &str) {
         let soon = self.asked.rounds.back().map_or(Time::ZERO, |(_, at)| *at + ASK_GAP).max(now);
         if self.asked.some.contains(host) || self.asked.some.len() < ASKED_MAX {
@@ -518,7 +519,7 @@ impl Boot {
         self.standing == Standing::Elder
     }
 
-    /// Returns since when it is missing, if it is.
+    /// Returns since when the boot is missing; nothing if it is not missing.
     fn missed(&self, now: Time) -> Option<Time> {
         let doubted = self.doubted.filter(|(_, until)| *until <= now).map(|(since, _)| since);
         doubted.or_else(|| {

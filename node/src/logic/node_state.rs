@@ -1,5 +1,5 @@
-//! The whole state of a node: its agent and its attachments. The same inputs at the same times make the same state and the same
-//! effects.
+//! The whole state of a node: its agent and its attachments. The same inputs at the same times lead to the same state
+//! and the same effects.
 
 use crate::logic::agent::{Agent, Input};
 use crate::logic::attachments::Attachments;
@@ -10,16 +10,16 @@ use serde::{Deserialize, Serialize};
 /// An agent with its attachments.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct NodeState {
-    /// When its last input was.
+    /// When the last input was taken.
     pub at: Time,
     /// The agent.
     pub agent: Agent,
-    /// Its attachments to the world.
+    /// The attachments of the agent to the world.
     pub attachments: Attachments,
 }
 
 impl NodeState {
-    /// Returns the state of an agent that has done nothing yet.
+    /// Returns the state of a node whose agent has done nothing yet.
     pub fn new(agent: Agent, at: Time) -> Self {
         Self { at, agent, attachments: Attachments::default() }
     }
@@ -33,7 +33,7 @@ impl NodeState {
         effects.iter().skip(first).for_each(|effect| self.attachments.given(effect));
     }
 
-    /// Returns whether a successor has anything to take over.
+    /// Returns whether anything is left that a successor would have to take over.
     pub fn is_engaged(&self) -> bool {
         let has_left = self.attachments.has_left();
         !has_left && (self.agent.is_engaged(self.at) || self.attachments.programs().next().is_some())

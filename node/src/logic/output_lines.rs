@@ -1,15 +1,15 @@
 //! The output of a program as lines for a person.
 
-/// The most lines of output that are told with a program's failure.
+/// How many lines of output are told at most with a program's failure.
 pub const LAST_LINES_MAX: usize = 20;
-/// The longest of them, in characters.
+/// The length of the longest of these lines, in characters.
 const LAST_LINE_MAX: usize = 400;
 
 /// The line for output that was rotated away before it was read.
 pub const GAP: &str = "[dca: output may be missing here; it was rotated away before it was read]";
 
-/// Returns the last lines of a program's output, ready for a person: without blank lines at the end, control characters and
-/// the half of a line that `output` may begin with when it `is_cut`.
+/// Returns the last lines of a program's output in a form for a person. Blank lines at the end are removed, and control
+/// characters are replaced. If `output` `is_cut`, its first line may be incomplete, and is left out.
 pub fn last_lines(output: &[u8], is_cut: bool) -> Vec<String> {
     let text = String::from_utf8_lossy(output);
     let whole = if is_cut { text.split_once('\n').map_or("", |(_, whole)| whole) } else { &text };
@@ -20,7 +20,7 @@ pub fn last_lines(output: &[u8], is_cut: bool) -> Vec<String> {
 
 /// Returns a line of a program's output as a terminal would show it, without control sequences.
 pub fn plain(line: &str) -> String {
-    // A progress bar overwrites itself: only the last state is visible.
+    // A progress bar overwrites itself. Only its last state is visible.
     let line = line.trim_end_matches('\r');
     let line = line.rsplit('\r').next().unwrap_or(line);
     let (mut text, mut chars) = (String::with_capacity(line.len()), line.chars().peekable());

@@ -1,4 +1,4 @@
-//! Parameters of running programs: their names, their values, and whether a key of the database is one of them.
+//! Parameters of running programs: their names and values, and whether a key of the database is such a parameter.
 
 use crate::logic::database::settings::{parameter_key, stands_for};
 use crate::logic::protocol::{InstanceParameters, ParameterStatus};
@@ -10,9 +10,9 @@ use std::collections::BTreeMap;
 pub enum Verdict {
     /// The name is a parameter, and takes the value.
     Fits,
-    /// It is unknown at present; the sentence gives the reason.
+    /// The name is unknown at present. The sentence gives the reason.
     Unknown(String),
-    /// The name is not a parameter, or the parameter does not take the value; the sentence gives the reason.
+    /// The name is not a parameter, or the parameter does not accept the value. The sentence gives the reason.
     Refused(String),
 }
 
@@ -30,15 +30,14 @@ pub fn given(parameters: &[Parameter], arguments: &[Argument]) -> Vec<ParameterS
     parameters.iter().map(status).collect()
 }
 
-/// Returns the parameters of a plain program that users may ask for: its secrets. The program gets no other value while
-/// it runs.
+/// Returns the parameters of a plain program that users may ask for: its secrets. A running program does not get a new value.
 pub fn of_plain(arguments: &[Argument]) -> Vec<Parameter> {
     let secrets = arguments.iter().filter(|argument| matches!(argument.value, Constant::Secret(_)));
     secrets.filter_map(|argument| Some(Parameter { name: argument.name.clone()?, accepts: Accepts::Secret })).collect()
 }
 
-/// Returns parameters of the database in the form for their program: quantities as numbers in SI units. A value that
-/// the program does not take is unchanged; the program refuses it.
+/// Returns parameters of the database in the form for their program, with quantities as numbers in SI units. A value
+/// that the program would not accept is left unchanged, and the program refuses it.
 pub fn in_si(declared: &[Parameter], mut stored: Vec<(String, String)>) -> Vec<(String, String)> {
     for (name, text) in &mut stored {
         let declared = declared.iter().find(|parameter| parameter.name == *name);
@@ -49,14 +48,14 @@ pub fn in_si(declared: &[Parameter], mut stored: Vec<(String, String)>) -> Vec<(
     stored
 }
 
-/// Returns the robot whose parameter a key would be; none if it is not below `robot/HOST/params/`.
+/// Returns the robot to whose parameter a key would belong; none if the key is not below `robot/HOST/params/`.
 pub fn robot_of(key: &str) -> Option<&str> {
     let (robot, below) = key.strip_prefix("robot/")?.split_once('/')?;
     (below == "params" || below.starts_with("params/")).then_some(robot)
 }
 
-/// Checks whether a key is a parameter of a program that runs on its robot, and takes a value. `known` is the report of
-/// the robot's node about its programs.
+/// Checks whether a key is a parameter of a program that runs on the key's robot, and whether the parameter accepts the
+/// value. `known` is the report of the robot's node about its programs.
 pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
     let Some((robot, deployment, instance, name)) = parameter_key(key) else {
         return Verdict::Refused(format!(
@@ -98,8 +97,8 @@ pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
     why.unwrap_or(Verdict::Fits)
 }
 
-/// Returns a sentence for each parameter of a plan for which the database has another value than the spec; `keys` have
-/// their values as a spec spells them.
+/// Returns a sentence for each parameter of a plan to which the database gives another value than the spec. `keys` has
+/// the values in the spelling of a spec.
 pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec<String> {
     let mut sentences = Vec::new();
     for one in known {
@@ -109,7 +108,7 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
                 let parts = parameter_key(key).filter(|(_, deployment, ..)| *deployment == one.deployment.name);
                 parts.is_some_and(|(_, _, instance, of)| of == name && stands_for(instance, &one.path))
             };
-            // The key that names most of the path counts.
+            // If several keys name the instance, the one with the longest path is used.
             let stored = keys.iter().filter(|(key, _)| is_meant(key)).max_by_key(|(key, _)| key.len());
             let (Some((key, text)), Some(given)) = (stored, &status.given) else { continue };
             let accepts = &status.parameter.accepts;
@@ -146,7 +145,7 @@ pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus
     format!("`{path}`, which is a {module}, has no parameter `{name}` to change; {hint}")
 }
 
-/// Returns the name of the node of ROS 2 whose program an `exec` starts, if the spec says the name.
+/// If an `exec` starts the program for a node of ROS 2, returns the name of that node, as far as the spec gives it.
 pub fn ros_node(exec: &str) -> Option<String> {
     let words = words(exec).ok()?;
     let [program, kind, rest @ ..] = words.as_slice() else { return None };
@@ -164,7 +163,7 @@ fn did_you_mean(near: &str) -> String {
     format!("did you mean `{near}`?")
 }
 
-/// The most names that a sentence lists.
+/// How many names a sentence lists at most.
 const LISTED_MAX: usize = 12;
 
 fn listed(names: &[&str]) -> String {
@@ -173,7 +172,7 @@ fn listed(names: &[&str]) -> String {
     if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
 }
 
-/// The name that was probably meant.
+/// Returns the name that was probably meant.
 fn near<'a>(name: &str, all: &[&'a str]) -> Option<&'a str> {
     language::nearest(name, all.iter().copied()).or_else(|| all.iter().copied().find(|one| stands_for(name, one)))
 }

@@ -1,14 +1,14 @@
-//! Makes the output of programs safe for a terminal: nothing in it moves the cursor, changes colours or hides other text.
+//! Makes the output of programs safe for a terminal. Afterwards, nothing in it moves the cursor, changes colours or hides other text.
 
 /// Makes the pieces of a byte stream printable. A piece may end inside a character.
 #[derive(Debug, Default)]
 pub struct Printable {
-    /// The beginning of a character, or a carriage return, whose other half may come.
+    /// The first bytes of a character, or a carriage return, whose continuation may be in the next piece.
     rest: Vec<u8>,
 }
 
 impl Printable {
-    /// Returns the printable form of a piece, except for an end that has to wait for the next piece.
+    /// Returns the printable form of a piece. An end that depends on the next piece is kept back.
     pub fn push(&mut self, bytes: &[u8]) -> String {
         self.rest.extend_from_slice(bytes);
         let bytes = std::mem::take(&mut self.rest);
@@ -17,13 +17,13 @@ impl Printable {
         printable(&String::from_utf8_lossy(&bytes[..whole]))
     }
 
-    /// Returns the rest that has waited.
+    /// Returns the rest that was kept back.
     pub fn finish(&mut self) -> String {
         printable(&String::from_utf8_lossy(&std::mem::take(&mut self.rest)))
     }
 }
 
-/// Returns a text with control characters and changes of direction written out, as `\x1b`; line ends and tabs stay.
+/// Returns a text in which control characters and changes of direction are written as text, such as `\x1b`. Line ends and tabs stay.
 pub fn printable(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     let mut characters = text.chars().peekable();
@@ -41,22 +41,22 @@ pub fn printable(text: &str) -> String {
     shown
 }
 
-/// Returns a text on one line: as [`printable`], with line ends and tabs also written out.
+/// Returns a text on one line. It is treated as in [`printable`], and line ends and tabs are also written as text.
 pub fn one_line(text: &str) -> String {
     printable(&text.replace('\n', "\\n").replace('\t', "\\t"))
 }
 
-/// Whether a character turns the text around it. Source: Unicode Standard Annex 9, table 3-4.
+/// Returns whether a character changes the direction of the text around it. Source: Unicode Standard Annex 9, table 3-4.
 fn is_direction(character: char) -> bool {
     matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}' | '\u{61c}')
 }
 
-/// Returns how many bytes at the end wait for more.
+/// Returns how many bytes at the end need the next piece.
 fn unfinished(bytes: &[u8]) -> usize {
     if bytes.last() == Some(&b'\r') {
         return 1;
     }
-    // The longest character has four bytes, so at most three of it are there.
+    // The longest character has four bytes. So an incomplete one has at most three.
     let lead = (1..=bytes.len().min(3)).find(|back| bytes[bytes.len() - back] & 0xc0 != 0x80);
     lead.filter(|back| {
         std::str::from_utf8(&bytes[bytes.len() - back..]).is_err_and(|error| error.error_len().is_none())

@@ -10,23 +10,23 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Programs {
     types: BTreeMap<String, String>,
-    /// The parameters of the types, as far as their programs name them.
+    /// The parameters of each type, if its program declares them.
     parameters: BTreeMap<String, Vec<Parameter>>,
-    /// The types of their ports, by port.
+    /// The types of the ports of each controller type, by port.
     ports: BTreeMap<String, BTreeMap<String, String>>,
-    /// The exports of the types: procedures and states, with their signatures.
+    /// The exports of each type: procedures and states, with their signatures.
     exports: BTreeMap<String, BTreeMap<String, String>>,
 }
 
 impl Programs {
-    /// Notes that `executable` offers these types; the first executable to offer a type keeps it.
+    /// Notes that `executable` offers these types. If several executables offer one type, the first of them keeps it.
     pub fn offer(&mut self, executable: &str, types: impl IntoIterator<Item = String>) {
         for name in types {
             self.types.entry(name).or_insert_with(|| executable.to_owned());
         }
     }
 
-    /// Notes that `executable` offers the types whose interfaces these are.
+    /// Notes that `executable` offers the types of this interface.
     pub fn declare(&mut self, executable: &str, interface: String) {
         let interface = [Source::new(executable, interface)];
         for (name, exports) in language::exports(&interface) {
@@ -52,7 +52,7 @@ impl Programs {
         self.parameters.get(module).map(Vec::as_slice)
     }
 
-    /// Returns the type of a port of a controller type, as far as its program says it.
+    /// Returns the type of a port of a controller type, if its program declares it.
     pub fn port_type(&self, module: &str, port: &str) -> Option<&str> {
         self.ports.get(module)?.get(port).map(String::as_str)
     }
@@ -62,11 +62,11 @@ impl Programs {
         self.exports.get(module)
     }
 
-    /// Returns the executable and its arguments for a leaf: `EXECUTABLE TYPE [NAME=]VALUE...`, or the leaf's own `exec`
-    /// followed by its arguments.
+    /// Returns the command of a leaf: its executable and arguments. The command is `EXECUTABLE TYPE [NAME=]VALUE...`,
+    /// or the leaf's own `exec` followed by its arguments.
     ///
     /// # Errors
-    /// A sentence for a person: the type is not offered here.
+    /// A sentence for a person, which says that this host does not offer the type.
     pub fn command(&self, leaf: &Leaf) -> Result<Vec<String>, String> {
         let mut command: Vec<String> = match &leaf.exec {
             Some(exec) => {
@@ -128,7 +128,7 @@ pub fn order(process: ProcessId, command: Vec<String>, plan: &Plan, leaf: &Leaf)
     }
 }
 
-/// Returns the secrets among the arguments of a leaf, which are the last words of its command.
+/// Returns the secrets among the arguments of a leaf. The arguments are the last words of the leaf's command.
 fn secrets(leaf: &Leaf, command: &[String]) -> Vec<SecretArgument> {
     let first = command.len().saturating_sub(leaf.arguments.len());
     let secrets = leaf.arguments.iter().enumerate().filter_map(|(place, argument)| match &argument.value {
@@ -143,7 +143,7 @@ fn argument(argument: &Argument) -> String {
         Constant::Text(text) => text.clone(),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
-        // The shim puts the path of its file there.
+        // The shim appends the path of the file with the secret.
         Constant::Secret(_) => String::new(),
     };
     argument.name.as_ref().map_or_else(|| value.clone(), |name| format!("{name}={value}"))

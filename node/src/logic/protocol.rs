@@ -1,7 +1,7 @@
 //! The messages between nodes, and between the command line and a node.
 //!
-//! Every type here is a promise to another version: variants and fields are only ever appended (postcard numbers them),
-//! and the envelope of `comms` carries the version.
+//! Every type here is a promise to other versions. Variants and fields are only appended, because postcard numbers
+//! them. The envelope of `comms` contains the version.
 
 mod absent;
 mod change;
@@ -50,18 +50,18 @@ pub use status::{
 use std::fmt;
 use std::time::Duration;
 
-/// How long a node with more answers may be silent: within this time it sends several signs that it is still there.
+/// How long a node with further answers may be silent. Within this time, it sends several signs that further answers come.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
 
-/// How the refusal of [`Request::Logs`] begins when it means more than one process.
+/// The beginning of the refusal of [`Request::Logs`] if several processes match.
 pub const SEVERAL: &str = "several processes end in";
 
-/// One deployment of a spec: its name, and the epoch that fences off older ones.
+/// One deployment of a spec: its name, and the epoch that distinguishes it from earlier ones.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Deployment {
-    /// The spec's name unless the user gave another.
+    /// The name of the spec, unless the user gave another name.
     pub name: String,
-    /// Grows with each deployment under this name.
+    /// Increases with each deployment of this name.
     pub epoch: u64,
 }
 
@@ -104,140 +104,142 @@ impl Deployment {
 /// How an activation ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Ending {
-    /// Normally, leaving a value.
+    /// It ended normally, with a value.
     Done(Vec<u8>),
-    /// By a failure.
+    /// It ended by a failure.
     Aborted(Failure),
-    /// Because it was asked to.
+    /// It ended because it was asked to stop.
     Stopped,
-    /// It is unknown.
+    /// It is not known how it ended.
     Unconfirmed,
 }
 
-/// From the command line to a node.
+/// A request of a command line to a node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
-    /// Answered by a stream of [`Report`]; the last is [`Report::Finished`] or [`Report::Refused`].
+    /// Runs a plan. Answered by a stream of [`Report`]; the last is [`Report::Finished`] or [`Report::Refused`].
     Deploy {
-        /// Makes a repeated request harmless.
+        /// A number that makes a repeated request harmless.
         request: u64,
         /// The plan to run.
         plan: Plan,
-        /// The user who wants it, for the records, such as `ann@c1`.
+        /// The user who deploys it, for the records, such as `ann@c1`.
         by: String,
-        /// When the programs of its first step begin.
+        /// When the programs of the first step begin.
         start: StartMode,
     },
-    /// Answered by [`NodeStatus`].
+    /// Asks for the status of the node. Answered by [`NodeStatus`].
     Status,
-    /// Answered by [`StopReply`] when nothing of it is left.
+    /// Stops a deployment. Answered by [`StopReply`] when nothing of it is left.
     Stop {
         /// The deployment.
         name: String,
     },
-    /// Answered by a stream of raw output.
+    /// Asks for the output of a process. Answered by a stream of raw output.
     Logs {
-        /// The deployment, if several have such a process.
+        /// The deployment, if several deployments have such a process.
         deployment: Option<String>,
-        /// An absolute path, or the end of one.
+        /// The absolute path of the process, or the end of it.
         process: String,
-        /// Goes on as output comes.
+        /// Whether later output follows as it comes.
         follow: bool,
     },
-    /// Answered as `Deploy` is, for a caller whose answers were cut off.
+    /// Continues to watch a deployment after answers were cut off. Answered like `Deploy`.
     Watch {
         /// The deployment.
         deployment: Deployment,
-        /// How many of its reports the asker has.
+        /// How many of its reports the caller already has.
         seen: u64,
     },
-    /// Answered by [`Answer::Database`]; the answer has no keys that are local to the robot.
+    /// Asks the database a question. Answered by [`Answer::Database`]; the answer has no keys that are local to the robot.
     Database(Question),
-    /// Answered by [`Answer::Parameters`].
+    /// Asks for the parameters of programs. Answered by [`Answer::Parameters`].
     Parameters,
-    /// The same as `Database`, from the node's own machine.
+    /// The same as `Database`, but from the node's own machine.
     Here {
-        /// The secret that the node has written where only this user of this machine can read it.
+        /// A secret that the node has written to a file. Only this user of this machine can read the file.
         proof: String,
         /// The question.
         question: Question,
     },
-    /// Answered by a stream of [`Answer::Wrote`]: all that the programs of a deployment on this host have written and write,
-    /// until the deployment is over here.
+    /// Asks for all output of the programs of a deployment on this host, until the deployment is over here. Answered by
+    /// a stream of [`Answer::Wrote`].
     Output {
-        /// The deployment, which may be over.
+        /// The deployment. It may already be over.
         deployment: Deployment,
     },
-    /// Answered by [`Answer::Unlinked`].
+    /// Asks for links that the node lacks. Answered by [`Answer::Unlinked`].
     Unlinked,
-    /// Answered by [`Answer::Absent`].
+    /// Asks for hosts that do not answer. Answered by [`Answer::Absent`].
     Absent,
-    /// Asks no more for the end of a deployment that some host has not confirmed. Answered by [`StopReply`].
+    /// Makes the node forget the end of a deployment that some host has not confirmed. Answered by [`StopReply`].
     Forget {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Answered by [`Answer::Plan`].
+    /// Asks for the plan of a deployment. Answered by [`Answer::Plan`].
     Plan {
-        /// The deployment, which has a part on the node.
+        /// The deployment. It has a part on the node.
         deployment: Deployment,
     },
-    /// Answered by [`Answer::Revision`], or refused if no such deployment has its home here.
+    /// Asks for the plan and its revision. Answered by [`Answer::Revision`], or refused if no such deployment has its home here.
     Revision {
         /// The name of the deployment.
         name: String,
     },
-    /// Answered by a stream of [`Report`] about this change alone: the last is [`Report::Changed`] or [`Report::Unchanged`].
+    /// Changes a deployment. Answered by a stream of [`Report`] about this change only; the last is [`Report::Changed`]
+    /// or [`Report::Unchanged`].
     Change(Box<ChangeRequest>),
-    /// Answered by a stream of [`Answer::Events`]: the events the node knows as the home of deployments, including the
-    /// last ones that are over; then an answer without events; then new events.
+    /// Asks for the events that the node knows as the home of deployments, including the last deployments that are
+    /// over. Answered by a stream of [`Answer::Events`]: known events, then an answer without events, then new events.
     Events {
         /// Whether new events follow as they happen.
         follow: bool,
     },
-    /// Answered by [`Answer::Names`].
+    /// Asks for the names that the host has given out. Answered by [`Answer::Names`].
     Names,
-    /// Answered by [`Answer::Locations`], or refused if the deployment has no part on the node.
+    /// Asks where programs are. Answered by [`Answer::Locations`], or refused if the deployment has no part on the node.
     Locations {
         /// The deployment.
         deployment: Deployment,
     },
-    /// Answered by [`Answer::Revoked`], when it is on the node's disk.
+    /// Revokes keys. Answered by [`Answer::Revoked`] when this is on the node's disk.
     Revoke {
-        /// A set of revocations, signed by the team or an admin of it.
+        /// A set of revocations, signed with the team's key or by an admin of the team.
         set: Vec<u8>,
     },
-    /// Answered by [`Answer::Clock`], at once.
+    /// Asks for the calendar clock. Answered by [`Answer::Clock`], at once.
     Clock,
-    /// Answered by [`Answer::Team`], at once.
+    /// Asks for the team of the node. Answered by [`Answer::Team`], at once.
     Team,
-    /// Answered like the signed request, if the node is in a team and the signer may ask for it.
+    /// A signed request. Answered like that request, if the node is in a team and the signer may ask for it.
     Signed(Box<Signed>),
-    /// Answered by [`Answer::Duplicates`].
+    /// Asks for names that two nodes share. Answered by [`Answer::Duplicates`].
     Duplicates,
-    /// Switches a running process to other connection sets of its own, on the home of the deployment. Answered by
-    /// [`Answer::Switched`].
+    /// Switches a running process to other connection sets that it has. The home of the deployment does this. Answered
+    /// by [`Answer::Switched`].
     Switch(SwitchRequest),
     /// Stops everything on the node at once; nothing begins there before [`Request::ReleaseEstop`]. Answered by
     /// [`Answer::Estopped`] when nothing runs.
     Estop(Estop),
     /// Lets programs begin again. Answered by [`Answer::Released`].
     ReleaseEstop,
-    /// Keeps a tombstone for a home that the node does not reach, until the home has heard of it. Answered by [`StopReply`].
+    /// Stores a tombstone for a home that the node does not reach, until the home has received it. Answered by [`StopReply`].
     StopAway(Box<Tombstone>),
-    /// Answered by [`Answer::Credentials`], at once.
+    /// Asks for the credentials of nodes. Answered by [`Answer::Credentials`], at once.
     Credentials,
-    /// A user asks for a certificate to be renewed. Answered by [`Answer::Credentials`] with the renewed credential alone, at once.
+    /// Asks for the renewal of a user's certificate. Answered by [`Answer::Credentials`] with only the renewed credential, at once.
     RenewUser {
         /// Signed by the user: `trust::renewal::ask`.
         ask: Vec<u8>,
     },
-    /// Takes in sets of revocations, signed by the team or an admin of it. Answered by [`Answer::Revocations`], when all is on the disk.
+    /// Adds sets of revocations, signed with the team's key or by an admin of the team. Answered by
+    /// [`Answer::Revocations`] when all are on the disk.
     Revocations(Vec<Vec<u8>>),
-    /// A call of a procedure. A user signs it and sends it to the program, which asks its node. No node answers it directly.
+    /// A call of a procedure. A user signs it and sends it to a program, which asks its node. Nodes do not answer it directly.
     Call(Box<CallRequest>),
-    /// Gives an order to an activity, on the home of the deployment. Answered by [`Answer::Delivered`], once the
-    /// activity has confirmed it.
+    /// Gives an order to an activity. The home of the deployment passes it on. Answered by [`Answer::Delivered`] once
+    /// the activity has confirmed the order.
     Tell(Box<TellRequest>),
 }
 
@@ -246,11 +248,11 @@ pub enum Request {
 pub struct TellRequest {
     /// The deployment.
     pub name: String,
-    /// An absolute path of the activity, or the end of one.
+    /// The absolute path of the activity, or the end of it.
     pub process: String,
     /// The order.
     pub order: ActivityInput,
-    /// The user who gives it; in a team the signer.
+    /// The user who gives the order; in a team, its signer.
     pub by: String,
 }
 
@@ -265,7 +267,7 @@ pub struct CallRequest {
     pub procedure: String,
     /// The right that the user needs.
     pub access: Access,
-    /// The digest of the call, with its argument: `comms::io::data::call_digest`.
+    /// The digest of the call and its argument: `comms::io::data::call_digest`.
     pub digest: [u8; 32],
 }
 
@@ -274,9 +276,9 @@ pub struct CallRequest {
 pub struct SwitchRequest {
     /// The deployment.
     pub name: String,
-    /// An absolute path of a process, or the end of one.
+    /// The absolute path of a process, or the end of it.
     pub process: String,
-    /// Labels of sets that it owns: all that are to be open.
+    /// Labels of connection sets of the process. Exactly these sets should be open.
     pub labels: Vec<String>,
 }
 
@@ -304,7 +306,7 @@ pub enum Answer {
         /// The bytes that its program wrote.
         bytes: Vec<u8>,
     },
-    /// To `Unlinked`: the peers that are dialled and not linked, by name or place, and the reason, for a person.
+    /// To `Unlinked`: the peers that the node dials without having a link. Each has its name or place, and the reason, for a person.
     Unlinked(Vec<(String, String)>),
     /// To `Absent`.
     Absent(Absent),
@@ -312,24 +314,24 @@ pub enum Answer {
     Plan(Box<Plan>),
     /// To `Revision`.
     Revision(Box<Revision>),
-    /// To `Events`: some of them, in order for each deployment.
+    /// To `Events`: some events. The events of each deployment are in order.
     Events(Vec<Event>),
     /// To `Names`.
     Names(Names),
-    /// To `Locations`: the programs of this host that have a data session, by absolute path, and where to dial each now.
+    /// To `Locations`: the programs of this host with a data session, by absolute path, and the address of each.
     Locations(Vec<(String, Dial)>),
     /// To `Revoke`.
     Revoked {
-        /// Whether the node has not known it before.
+        /// Whether the revocation was new for the node.
         is_new: bool,
     },
     /// To `Clock`.
     Clock(ClockReading),
-    /// To `Team`: nothing if the node is in none.
+    /// To `Team`: nothing if the node is in no team.
     Team(Option<TeamOfNode>),
-    /// To `Duplicates`: names that two nodes have which the node can reach, its own among them.
+    /// To `Duplicates`: names that are used by two nodes which this node can reach. The name of this node may be among them.
     Duplicates(Vec<Duplicate>),
-    /// To `Switch`: how it went, or why nothing was switched.
+    /// To `Switch`: the result of the switch, or the reason why nothing was switched.
     Switched(Result<SetsSwitched, String>),
     /// To `Estop`.
     Estopped(Estopped),
@@ -337,15 +339,15 @@ pub enum Answer {
     Released {
         /// Whether everything was stopped.
         was_stopped: bool,
-        /// Why the release is not on the disk of the node; then the next start of the node may not know of it.
+        /// Why the release is not on the disk of the node. Then the node may not know of it after its next start.
         unwritten: Option<String>,
     },
-    /// To `Credentials`: the last credentials of the nodes of the team, that of this node first; none if it is in no team.
+    /// To `Credentials`: the latest credentials of the nodes of the team, this node's first. Nothing if the node is in no team.
     Credentials(Vec<Vec<u8>>),
-    /// To `Revocations`: all sets that the node holds; none contains another.
+    /// To `Revocations`: all sets that the node has. No set contains another one.
     Revocations(Vec<Vec<u8>>),
-    /// To `Events`, as its last one: the hosts of which the node may not have heard everything that had happened by the question,
-    /// itself included.
+    /// To `Events`, as the last answer: hosts of which the node may not have received all events from before the
+    /// question. The node itself may be among them.
     Behind(Vec<String>),
     /// To `Tell`.
     Delivered(Delivery),
@@ -354,16 +356,16 @@ pub enum Answer {
 /// The result of an order for an activity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Delivery {
-    /// The activity has taken it.
+    /// The activity has accepted the order.
     Taken {
         /// The absolute path of the activity.
         path: String,
         /// The reaction of the activity.
         taken: Taken,
     },
-    /// The activity has not taken it, for this reason.
+    /// The activity has not accepted the order, for this reason.
     Refused(String),
-    /// The activity has not confirmed it, for this reason.
+    /// The activity has not confirmed the order, for this reason.
     Unconfirmed(String),
 }
 
@@ -378,7 +380,7 @@ impl Enveloped for Answer {
 /// The answer to [`Request::Stop`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StopReply {
-    /// Nothing of it is left.
+    /// Nothing of the deployment is left.
     Stopped,
     /// No such deployment has its home here.
     Unknown,

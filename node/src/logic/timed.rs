@@ -1,4 +1,4 @@
-//! Machines by number, with an index of their deadlines: an input about one machine needs no walk over all machines.
+//! Machines by number, with an index of their deadlines. So an input about one machine does not require a walk over all machines.
 
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -6,14 +6,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// A machine of a [`TimedMap`].
 pub trait Timed {
-    /// Returns when it wants to be called, if it does.
+    /// Returns when the machine wants to be called, if it does.
     fn deadline(&self) -> Option<Time>;
 
-    /// Returns whether it has no further effects.
+    /// Returns whether the machine will have no more effects.
     fn is_over(&self) -> bool;
 }
 
-/// Machines by number. They are changed through [`TimedMap::with`] and [`TimedMap::each`] alone, which keep the index.
+/// Machines by number. They are changed only through [`TimedMap::with`] and [`TimedMap::each`], which update the index.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct TimedMap<T> {
     all: BTreeMap<u32, T>,
@@ -21,9 +21,9 @@ pub struct TimedMap<T> {
     due: BTreeSet<(Time, u32)>,
     /// The same deadlines by number.
     deadlines: BTreeMap<u32, Time>,
-    /// The machines that are not over.
+    /// The numbers of the machines that are not over.
     unfinished: BTreeSet<u32>,
-    /// How many machines were looked at in total, except by [`TimedMap::iter`]: a test compares it with the number of inputs.
+    /// How many machines were visited in total, except by [`TimedMap::iter`]. A test compares this with the number of inputs.
     #[serde(skip)]
     visits: u64,
 }
@@ -54,17 +54,17 @@ impl<T> TimedMap<T> {
         self.all.get(&number)
     }
 
-    /// Returns whether there is a machine of this number.
+    /// Returns whether a machine of this number exists.
     pub fn contains(&self, number: u32) -> bool {
         self.all.contains_key(&number)
     }
 
-    /// Returns all machines, in order of number: a full walk, for users' questions and for losses of hosts.
+    /// Returns all machines, in order of number. This is a full walk, for questions of users and for losses of hosts.
     pub fn iter(&self) -> impl Iterator<Item = (u32, &T)> {
         self.all.iter().map(|(number, machine)| (*number, machine))
     }
 
-    /// Returns all numbers, in order: the beginning of a walk.
+    /// Returns all numbers, in order, at the beginning of a walk.
     pub fn numbers(&mut self) -> Vec<u32> {
         self.visits += self.all.len() as u64;
         self.all.keys().copied().collect()
@@ -78,7 +78,7 @@ impl<T> TimedMap<T> {
         due
     }
 
-    /// Returns the first deadline.
+    /// Returns the earliest deadline.
     pub fn deadline(&self) -> Option<Time> {
         self.due.first().map(|(at, _)| *at)
     }
@@ -88,7 +88,7 @@ impl<T> TimedMap<T> {
         self.unfinished.is_empty()
     }
 
-    /// Returns how many machines were looked at, all in all.
+    /// Returns how many machines were visited in total.
     pub fn visits(&self) -> u64 {
         self.visits
     }
@@ -101,7 +101,7 @@ impl<T: Timed> TimedMap<T> {
         self.note(number);
     }
 
-    /// Takes a machine away.
+    /// Removes a machine.
     pub fn remove(&mut self, number: u32) {
         self.all.remove(&number);
         self.unfinished.remove(&number);
@@ -110,7 +110,7 @@ impl<T: Timed> TimedMap<T> {
         }
     }
 
-    /// Does something with a machine; nothing if there is none of that number.
+    /// Does something with a machine; returns nothing if no machine has that number.
     pub fn with<R>(&mut self, number: u32, act: impl FnOnce(&mut T) -> R) -> Option<R> {
         self.visits += 1;
         let result = act(self.all.get_mut(&number)?);
@@ -118,7 +118,7 @@ impl<T: Timed> TimedMap<T> {
         Some(result)
     }
 
-    /// Does something with every machine: a walk.
+    /// Does something with every machine. This is a full walk.
     pub fn each(&mut self, mut act: impl FnMut(u32, &mut T)) {
         for number in self.numbers() {
             self.with(number, |machine| act(number, machine));

@@ -1,5 +1,5 @@
-//! The durations of a node that have to fit together. Each is defined where it is used; this file has their order, and the
-//! reasons. The compiler refuses a change that breaks this order.
+//! The durations of a node that have to fit together. Each is defined where it is used; this file gives their order,
+//! and the reasons. The compiler refuses a change that breaks the order.
 //!
 //! ```text
 //! a node that answers no more    asked again every 1 s ─▶ silent for 2.5 s ─▶ missing, 1 s after its last answer ─▶ lost 5 s later

@@ -1,20 +1,20 @@
-//! The unit of systemd that keeps a node running, as text.
+//! The text of the systemd unit that keeps a node running.
 //!
-//! The first line has a checksum of the rest. While the checksum fits, the file is unchanged, and may be written again.
+//! The first line has a checksum of the rest. If the checksum fits, the file is unchanged, and may be overwritten.
 
 use std::fmt::Write as _;
 
-/// How the first line begins.
+/// The beginning of the first line.
 const MARK: &str = "# Written by `dca-node install`. Until it is edited, `dca-node install` may write it again: ";
 
-/// The settings that a unit is made from.
+/// The settings from which a unit is made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnitFile {
     /// The node's name.
     pub name: String,
-    /// The whole path of `dca-node`, and its arguments.
+    /// The full path of `dca-node`, and its arguments.
     pub command: Vec<String>,
-    /// The user that the node runs as; root if none is named.
+    /// The user as whom the node runs; root if no user is given.
     pub user: Option<String>,
 }
 
@@ -66,18 +66,19 @@ StateDirectoryMode=0700
     }
 }
 
-/// Returns whether a file is as `dca-node install` has written it.
+/// Returns whether a file is unchanged since `dca-node install` wrote it.
 pub fn is_untouched(text: &str) -> bool {
     let Some((sum, rest)) = text.strip_prefix(MARK).and_then(|text| text.split_once('\n')) else { return false };
     u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(rest.as_bytes()))
 }
 
-/// Returns whether the node of one unit takes over the remains of the other's node: they have one name, one user and the same folders.
+/// Returns whether the node of `unit` takes over everything that the node of `before` leaves. The two must have the
+/// same name, user, folders and boot id.
 pub fn takes_over(unit: &str, before: &str) -> bool {
     identity(unit) == identity(before)
 }
 
-/// Returns the properties in the unit that distinguish a node from others on its machine.
+/// Returns the properties in the unit by which a node differs from others on its machine.
 fn identity(unit: &str) -> [Option<&str>; 5] {
     let line = |name: &str| unit.lines().find_map(|line| line.strip_prefix(name));
     let command = line("ExecStart=").unwrap_or_default();
@@ -85,7 +86,7 @@ fn identity(unit: &str) -> [Option<&str>; 5] {
     [value(" --name "), value(" --run-dir "), value(" --state "), value(" --boot-id "), line("User=")]
 }
 
-/// Returns a word in the form that systemd takes literally. Source: systemd.service(5), "Command lines"; systemd.syntax(7), "Quoting".
+/// Returns a word in a form that systemd uses literally. Source: systemd.service(5), "Command lines"; systemd.syntax(7), "Quoting".
 fn quoted(word: &str) -> String {
     let word = specifiers(word).replace('\\', "\\\\").replace('"', "\\\"").replace('$', "$$");
     let is_plain = !word.is_empty() && !word.contains([' ', '\t', ';', '\'', '"', '\\']);

@@ -1,7 +1,7 @@
-//! Determines which program dials which other one: the links of one program, from the plan and the reports of all programs.
+//! Determines which program dials which other program. The links of a program follow from the plan and from the reports of all programs.
 //!
-//! A wire is dialled from the consumer to the producer, a device from the program that needs it to the one that owns its
-//! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.
+//! The consumer of a wire dials the producer. A program that needs a device dials the program that owns the device's
+//! keys. Programs on the same machine use Unix sockets. Others use the addresses on which the producer listens.
 
 use crate::logic::protocol::{Deployment, LeafFacts};
 use comms::logic::control::{CallRoute, Device, Dial, Incoming, Location, Order, Outgoing, Partner, Shape};
@@ -11,7 +11,7 @@ use language::plan::{Plan, Quality, Retention, Transfer, Wire};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The facts of a deployment once every program has reported.
+/// The facts of a deployment after every program has reported.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Registrations {
     /// The facts by leaf.
@@ -20,10 +20,10 @@ pub struct Registrations {
     pub machines: Vec<String>,
 }
 
-/// Returns the order that tells `leaf` every link it takes part in, over the wires that are `live`.
+/// Returns the order that tells `leaf` each of its links, for the wires that are `live`.
 ///
 /// # Errors
-/// Sentences for a user: a producer without a data session or out of reach, or a device with no owner or several.
+/// Sentences for a user: a producer has no data session or cannot be reached, or a device has no owner or several owners.
 pub fn links(
     plan: &Plan,
     deployment: &Deployment,
@@ -67,10 +67,10 @@ pub fn links(
     }
 }
 
-/// Returns the order that tells `leaf` its callees, over the wires that are `live`; none if it calls nothing.
+/// Returns the order that tells `leaf` its callees, for the wires that are `live`; nothing if `leaf` calls no program.
 ///
 /// # Errors
-/// Sentences for a person: a program without a data session, or out of reach.
+/// Sentences for a person: a program has no data session, or cannot be reached.
 pub fn calls(
     plan: &Plan,
     deployment: &Deployment,
@@ -99,7 +99,7 @@ pub fn calls(
     Ok(plan.wires.iter().any(is_call).then_some(Order::Calls { calls }))
 }
 
-/// Returns the order that tells `leaf` how data moves on its wires, if the spec says so of any.
+/// Returns the order that tells `leaf` how data moves on its wires; nothing if the spec does not say this for any wire.
 pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     let wires = (0_u32..).zip(&plan.wires).filter(|(_, wire)| wire.from.leaf == leaf || wire.to.leaf == leaf);
     let shaped = wires.filter(|(_, wire)| wire.quality != Quality::default());
@@ -113,19 +113,20 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
-/// Returns the number under which both ends of a wire make its seals. A program that serves other deployments has wires
-/// of its own: those of an external call get a number of the upper half, by the calling deployment.
+/// Returns the number that both ends of a wire use for its seals. A program that serves other deployments also has
+/// wires of its own. So the wires of an external call get a number of the upper half, which depends on the calling
+/// deployment.
 fn seal(plan: &Plan, Deployment { name, epoch }: &Deployment, wire: u32) -> u32 {
     if plan.wires.get(wire as usize).is_none_or(|wire| plan.external(wire.to.leaf).is_none()) {
         return wire;
     }
-    // FNV-1a. If two numbers are the same, the only effect is that one of the two calls is refused.
+    // FNV-1a. If two numbers are equal, the only effect is that one of the two calls is refused.
     let bytes = name.bytes().chain(epoch.to_le_bytes()).chain(wire.to_le_bytes());
     let hash = bytes.fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     (1 << 31) | (hash & (u32::MAX >> 2))
 }
 
-/// Returns the programs at the other ends of the wires of `leaf`, with their keys; none if `leaf` has no keys.
+/// Returns the programs at the other ends of the wires of `leaf`, with their keys; nothing if `leaf` has no keys.
 pub fn partners(
     plan: &Plan,
     deployment: &Deployment,
@@ -154,7 +155,8 @@ pub fn partners(
     Some(shared.into_iter().filter_map(partner).collect())
 }
 
-/// Returns the devices that `leaf` owns and others need, or needs and others own, each with the other program.
+/// Returns each device that `leaf` owns and another program needs, or that `leaf` needs and another program owns. Each
+/// is returned with the other program.
 fn sharing(registrations: &Registrations, leaf: u32) -> Vec<(u32, &String)> {
     let Some(own) = registrations.facts.get(&leaf) else { return Vec::new() };
     let others = registrations.facts.values().filter(|facts| facts.leaf != leaf);
@@ -166,7 +168,7 @@ fn sharing(registrations: &Registrations, leaf: u32) -> Vec<(u32, &String)> {
     shared.collect()
 }
 
-/// Returns the programs that have wires with `leaf`, in either direction, or share a device with it.
+/// Returns the programs that have a wire to or from `leaf`, or share a device with it.
 pub fn partnered(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSet<u32> {
     let ends = plan.wires.iter().map(|wire| (wire.from.leaf, wire.to.leaf));
     let others = ends.filter_map(|(from, to)| match (from == leaf, to == leaf) {
@@ -178,7 +180,7 @@ pub fn partnered(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTree
     others.chain(sharing).filter(|other| *other != leaf).collect()
 }
 
-/// Returns the programs that dial `leaf`: consumers of its outputs, those that call it, and those that need a device of it.
+/// Returns the programs that dial `leaf`: consumers of its outputs, its callers, and programs that need one of its devices.
 pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSet<u32> {
     let dialled = |wire: &&Wire| {
         let (dialled, dialler) =
@@ -192,18 +194,18 @@ pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSe
     consumers.chain(users).filter(|dialer| *dialer != leaf).collect()
 }
 
-/// Returns the order that tells `dialer` the address of `moved`, which was started again and had the session `lost`
-/// before. None if `moved` cannot be reached from there, which was also the case before.
+/// Returns the order that tells `dialer` the new address of `moved`. `moved` was started again, and had the session
+/// `lost` before. Nothing if `dialer` cannot reach `moved`, which was so before as well.
 pub fn relink(plan: &Plan, registrations: &Registrations, dialer: u32, moved: u32, lost: &str) -> Option<Order> {
     let found = dial(plan, registrations, dialer, moved).ok()?;
     Some(Order::Relink { lost: lost.to_owned(), found })
 }
 
-/// Returns how to reach a program that publishes signals. The location of its observer is unknown, so the observer
-/// tries every way in turn.
+/// Returns how a program that publishes signals can be reached. The location of its observer is unknown. So the
+/// observer tries all ways in turn.
 pub fn observe(registrations: &Registrations, leaf: u32) -> Option<Dial> {
     let location = registrations.facts.get(&leaf)?.location.as_ref()?;
-    // An observer has no wire, so it does not get the direct path.
+    // An observer has no wire. So it does not get the direct path.
     let locators = location.local.iter().chain(&location.remote).filter(|locator| !Place::is_meant(locator));
     let locators = locators.cloned().collect();
     Some(Dial { session: location.session.clone(), locators })
@@ -314,7 +316,7 @@ process main() {
         };
         assert_eq!(dialers(&plan, &registrations, 0), BTreeSet::from([1, 2]));
         assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::new());
-        // Devices are dialled even without a wire.
+        // A program that needs a device dials its owner even without a wire.
         registrations.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into()]);
         registrations.facts.entry(0).and_modify(|facts| facts.needs = vec!["arm".into()]);
         assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::from([0]));
@@ -326,7 +328,7 @@ process main() {
         assert_eq!((relink(1), relink(2)), (order("unix"), order("tcp")));
     }
 
-    /// The server of another deployment has its devices under the name of that.
+    /// The server of another deployment has its devices under that deployment's name.
     #[test]
     fn a_device_is_of_the_deployment_whose_program_owns_it() {
         let mut plan = plan();
@@ -349,7 +351,7 @@ process main() {
         }
     }
 
-    /// In a team, both ends of a wire know each other by their present keys.
+    /// In a team, the two ends of a wire know the present keys of each other.
     #[test]
     fn both_ends_know_the_keys_of_each_other() {
         let plan = plan();
@@ -392,8 +394,7 @@ process main() {
         assert_eq!(partners(&open, 0), None, "who has no keys is in no team");
     }
 
-    /// A call is dialled by its caller, and is not an input of the callee; a program that calls nothing is told
-    /// nothing.
+    /// A caller dials its callee, and the call is not an input of the callee. A program that calls no other gets no `Calls`.
     #[test]
     fn who_calls_is_told_what_and_where() {
         let text = r#"
@@ -432,7 +433,7 @@ process main() {
         }
     }
 
-    /// A process of another deployment is called in that deployment, under a number that none of its wires has.
+    /// A call of a process of another deployment goes to that deployment, under a number that none of its wires has.
     #[test]
     fn a_call_of_another_deployment_goes_to_its_process() {
         let text = r#"

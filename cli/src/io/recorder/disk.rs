@@ -1,8 +1,8 @@
 //! The file of a record. It can be read at any time, because every write ends it.
 //!
-//! A record without an end is refused by some readers, and there is none while it is being written. So an end is
-//! written behind the present data, in the same call, and the next call begins where that end began. Source: the MCAP
-//! format specification, <https://mcap.dev/spec>: Data End, Footer and Magic.
+//! Some readers refuse a record without an end, and a record that is being written has none. So each write adds an end
+//! after the present data, and the next write replaces this end. Source: the MCAP format specification,
+//! <https://mcap.dev/spec>: Data End, Footer and Magic.
 
 use mcap::records::op;
 use std::fs::File;
@@ -10,12 +10,12 @@ use std::io::{self, Write};
 use std::os::unix::fs::FileExt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The bytes that wait in memory; at most a chunk more.
+/// How many bytes may wait in memory before they are written. At most one chunk may come on top.
 const WAITING_MAX: usize = 4 << 20;
-/// Data End: opcode, length, the checksum of all bytes before it. Footer: opcode, length, no summary, no checksum. Magic.
+/// Data End: opcode, length, and the checksum of all earlier bytes. Footer: opcode, length, no summary, no checksum. Magic.
 const END_SIZE: usize = 50;
 
-/// Returns the end of a file whose bytes up to there have a checksum.
+/// Returns the end of a file. `checksum` is that of all earlier bytes.
 fn end(checksum: u32) -> [u8; END_SIZE] {
     let mut end = [0; END_SIZE];
     (end[0], end[1]) = (op::DATA_END, 4);
@@ -25,17 +25,17 @@ fn end(checksum: u32) -> [u8; END_SIZE] {
     end
 }
 
-/// A handle to the file; its clones are the same one.
+/// A handle to the file. Its clones refer to the same file.
 #[derive(Clone, Debug)]
 pub(super) struct Disk(Arc<Mutex<State>>);
 
 #[derive(Debug)]
 struct State {
     file: File,
-    /// The place in the file of the waiting bytes.
+    /// The position in the file where the waiting bytes belong.
     at: u64,
     waiting: Vec<u8>,
-    /// Of all that was written.
+    /// The checksum of all data that was written.
     checksum: crc32fast::Hasher,
 }
 
@@ -52,7 +52,7 @@ impl Disk {
         Self(Arc::new(Mutex::new(State { file, at: 0, waiting: Vec::new(), checksum: crc32fast::Hasher::new() })))
     }
 
-    /// Writes the waiting bytes, with an end behind them.
+    /// Writes the waiting bytes, followed by an end.
     pub(super) fn commit(&self) -> io::Result<()> {
         let mut state = self.lock();
         if state.waiting.is_empty() {
@@ -68,7 +68,7 @@ impl Disk {
         if written.is_ok() {
             state.at += length as u64;
         } else {
-            // The disk is full: the earlier data gets its end back.
+            // The disk is full, so the earlier data gets its end again.
             state.checksum = before;
             let (end, size) = (state.end(), state.at + END_SIZE as u64);
             drop(state.file.write_all_at(&end, state.at).and_then(|()| state.file.set_len(size)));
@@ -76,12 +76,12 @@ impl Disk {
         written
     }
 
-    /// Returns whether enough bytes wait to be written.
+    /// Returns whether enough bytes wait, so that they have to be written.
     pub(super) fn is_full(&self) -> bool {
         self.lock().waiting.len() >= WAITING_MAX
     }
 
-    /// Writes the waiting bytes, which have their own end.
+    /// Writes the waiting bytes. They already contain the end of the file.
     pub(super) fn finish(&self) -> io::Result<()> {
         let mut state = self.lock();
         state.file.write_all_at(&state.waiting, state.at)?;
@@ -91,7 +91,7 @@ impl Disk {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // No code here panics while it holds the lock, so its data is consistent in any case.
+        // No code panics while it holds the lock, so the data is always consistent.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -102,7 +102,7 @@ impl Write for Disk {
         Ok(bytes.len())
     }
 
-    /// Does nothing: the file has to end with a whole chunk, of which [`Disk::commit`] is told.
+    /// Does nothing: the file has to end with a whole chunk. [`Disk::commit`] writes, and is called after a whole chunk.
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }

@@ -5,21 +5,21 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long the queue may be for a sample to be let in: about two seconds of a busy robot.
+/// The queue accepts a sample while it is shorter than this: about two seconds of a busy robot.
 pub(super) const SAMPLES: usize = 4_096;
-/// The length of the queue for values of wires, which may be large.
+/// The queue accepts a value of a wire while it is shorter than this. Values may be large.
 pub(super) const PORTS: usize = 256;
-/// How long the queue may be for a report to be let in.
+/// The queue accepts a report while it is shorter than this.
 pub(super) const REPORTS: usize = 2 * SAMPLES;
 
 /// The next work of the recorder.
 #[derive(Debug)]
 pub(super) enum Work {
-    /// This, which came then, since 1970.
+    /// An entry, and when it came, since 1970.
     Entry(Box<Entry>, Duration),
-    /// Nothing came for the time given.
+    /// No entry has come within the timeout.
     Nothing,
-    /// Nothing will ever come.
+    /// The queue is closed and empty.
     Closed,
 }
 
@@ -37,7 +37,7 @@ struct State {
 }
 
 impl Queue {
-    /// Adds an entry that came at `arrived` unless the queue is closed or has `limit` entries already; then it is dropped and counted.
+    /// Adds an entry that came at `arrived`. If the queue is closed or has `limit` entries already, the entry is dropped and counted.
     pub(super) fn push(&self, entry: Entry, arrived: Duration, limit: usize) {
         let mut state = self.lock();
         if state.closed || state.entries.len() >= limit {
@@ -48,7 +48,7 @@ impl Queue {
         }
     }
 
-    /// Takes the oldest entry out, or waits for one.
+    /// Takes the oldest entry out. If there is none, waits for one, at most for `timeout`.
     pub(super) fn pop(&self, timeout: Duration) -> Work {
         let mut state = self.lock();
         if state.entries.is_empty() && !state.closed {
@@ -62,19 +62,19 @@ impl Queue {
         }
     }
 
-    /// Lets nothing more in.
+    /// Refuses all further entries.
     pub(super) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_one();
     }
 
-    /// Returns how many entries were not let in.
+    /// Returns how many entries were dropped.
     pub(super) fn dropped(&self) -> u64 {
         self.lock().dropped
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // No code here panics while it holds the lock, so its data is consistent in any case.
+        // No code panics while it holds the lock, so the data is always consistent.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,4 +1,4 @@
-//! Records written, read back, and cut short.
+//! Records that are written and read again, or cut short.
 
 use super::*;
 use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
@@ -9,7 +9,7 @@ use node::logic::protocol::{Ending, Report};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// A folder that is gone with its owner.
+/// A folder that is removed when this is dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -108,7 +108,7 @@ fn a_record_without_its_end_says_so() {
         damaged[at] ^= 0x20;
         expect_told(&damaged, &format!("byte {at} of {} is another", bytes.len()));
     }
-    // A recorder that was killed had ended the file without a summary.
+    // The recorder was killed. It had already ended the file, but without a summary.
     let killed = killed(&folder);
     assert!(Run::from_bytes(&killed).unwrap().damage.is_none());
     assert!(Run::from_bytes(&killed[..killed.len() - 1]).unwrap().damage.is_some());
@@ -151,7 +151,7 @@ fn killed(folder: &Folder) -> Vec<u8> {
 fn any_reader_opens_the_record_of_a_recorder_that_was_killed() {
     let bytes = killed(&Folder::new("opens"));
     assert!(bytes.ends_with(mcap::MAGIC), "it has an end");
-    // The official reader, which refuses a file without one.
+    // The official reader refuses a file without an end.
     let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap()).collect();
     assert_eq!(messages.len(), entries().len());
     assert!(mcap::read::Summary::read(&bytes).unwrap().is_none(), "it is read without a summary");
@@ -165,13 +165,13 @@ fn random(seed: u64) -> impl FnMut() -> usize {
     move || usize::try_from(random.next() >> 33).unwrap()
 }
 
-/// Whether `part` is `whole` with some entries left out.
+/// Returns whether `part` is `whole` with some entries left out.
 fn is_part(part: &[Entry], whole: &[Entry]) -> bool {
     let mut rest = whole.iter();
     part.iter().all(|entry| rest.any(|one| one == entry))
 }
 
-/// The entry as read when the time of GO is unknown.
+/// Returns the entry as a reader gets it when the time of GO is unknown.
 fn without_time(mut entry: Entry) -> Entry {
     if let Entry::Signals { at, .. } | Entry::Output { at, .. } = &mut entry {
         *at = Duration::ZERO;
@@ -179,7 +179,7 @@ fn without_time(mut entry: Entry) -> Entry {
     entry
 }
 
-/// One byte of a record is changed: the damage is reported, or the result is the same. Nothing that is read is wrong.
+/// Changes one byte of a record at each place. Either the damage is reported, or the result is the same. No value is read wrongly.
 #[test]
 fn a_flipped_byte_is_told_or_changes_nothing() {
     let ended = Folder::new("flipped");
@@ -197,7 +197,7 @@ fn a_flipped_byte_is_told_or_changes_nothing() {
             if run.damage.is_none() && run != expected {
                 silent.push((name, place, mask));
             }
-            // A record that has lost GO with its part has no times, and says so.
+            // If the damaged part has the only GO, the entries have no times, and the damage says so.
             let timeless = run.damage.as_ref().is_some_and(|damage| damage.contains("when GO was is not known"));
             let expected_entries = if timeless { &untimed } else { &expected.entries };
             if run.header != expected.header || !is_part(&run.entries, expected_entries) {
@@ -208,7 +208,7 @@ fn a_flipped_byte_is_told_or_changes_nothing() {
     assert!(silent.is_empty() && wrong.is_empty(), "not told: {silent:?}; wrong: {wrong:?}");
 }
 
-/// A second of the record is lost, the later part is not.
+/// About a second of the record is lost, but the later part is read.
 #[test]
 fn what_is_whole_is_read_behind_a_damaged_part() {
     let mut bytes = killed(&Folder::new("behind"));
@@ -237,7 +237,7 @@ fn a_viewer_finds_what_it_expects() {
         assert_eq!((channel.message_encoding.as_str(), schema.encoding.as_str()), ("json", "jsonschema"));
         assert!(message.log_time > 1_500_000_000_000_000_000, "{} is not a time since 1970", message.log_time);
         assert_eq!(message.log_time, message.publish_time);
-        // One schema has one name, one topic one schema.
+        // One name stands for one schema, and one topic has one schema.
         assert_eq!(*schemas.entry(schema.name.clone()).or_insert(schema.data.clone()), schema.data, "{}", schema.name);
         assert_eq!(*topics.entry(channel.topic.clone()).or_insert(schema.id), schema.id, "{}", channel.topic);
         let plain = |name: &str| name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
@@ -255,8 +255,7 @@ fn a_viewer_finds_what_it_expects() {
     );
 }
 
-/// Collects the parts of `data` that do not match `schema`, by the rules of viewers: objects of typed properties,
-/// nothing else.
+/// Collects the parts of `data` that do not match `schema`. The rules are those of viewers: only objects whose properties have types.
 fn conforms(schema: &Value, data: &Value, wrong: &mut Vec<String>) {
     let Some(properties) = schema["properties"].as_object().filter(|_| schema["type"] == "object") else {
         return wrong.push(format!("no object: {schema}"));
@@ -406,11 +405,11 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
             row("_6", "e", typed, r#"{"at_peak":true,"force":[0.0,0.0]}"#),
         ]
     );
-    // They are for other tools: a report has no use for them.
+    // These messages are for other tools. A report does not use them.
     assert_eq!(Run::from_bytes(&bytes).map(|run| (run.entries, run.damage)).unwrap(), (Vec::new(), None));
 }
 
-/// Messages of ROS 2 are recorded unchanged and with their definitions. Viewers cannot tell them from a record of ROS 2.
+/// Messages of ROS 2 are recorded unchanged, with their definitions. To a viewer, the record looks like one of ROS 2.
 #[test]
 fn messages_of_ros_are_cdr() {
     use ros::typed::Message as _;
@@ -467,7 +466,7 @@ fn messages_of_ros_are_cdr() {
     );
 }
 
-/// On a disk that was full a record ends well, and before the deployment did.
+/// If the disk was full, a record ends properly, but earlier than its deployment.
 #[test]
 fn a_record_without_the_end_of_its_deployment_says_so() {
     let whole = Run { header: header(), go: None, entries: entries(), values: Vec::new(), damage: None };

@@ -1,4 +1,4 @@
-//! The last lines of programs that a deadline has ended. They may tell why the program took so long.
+//! The last lines of programs that were stopped by a deadline. They may tell why a program took so long.
 
 use language::plan::{DEADLINE, Expression, Plan};
 use node::logic::executer::member_path;
@@ -6,14 +6,14 @@ use node::logic::output_lines::{LAST_LINES_MAX, last_lines};
 use node::logic::protocol::{Change, Ending, Failure, FailureCause};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The last output of the programs of a mission, and the programs that a deadline is for.
+/// The last output of the programs of a mission, and the programs that have a deadline.
 #[derive(Debug, Clone)]
 pub(super) struct Late {
-    /// Paths of the processes that a deadline limits, by the path of its group and the message of the deadline.
+    /// The paths of the processes that a deadline limits, by the path of their group and the message of the deadline.
     deadlines: BTreeMap<(String, String), BTreeSet<String>>,
     /// The last lines of each program, by its path.
     lines: BTreeMap<String, Vec<String>>,
-    /// Processes that were stopped, and have not run since.
+    /// Processes that were stopped and have not run again.
     stopped: BTreeSet<String>,
 }
 
@@ -30,7 +30,7 @@ impl Late {
         Self { deadlines, lines, stopped: BTreeSet::new() }
     }
 
-    /// Goes on with another plan. The known output of programs stays.
+    /// Continues with another plan, and keeps the output of programs.
     pub(super) fn replan(&mut self, plan: &Plan) {
         let next = Self::new(plan);
         self.deadlines.extend(next.deadlines);
@@ -39,7 +39,7 @@ impl Late {
         }
     }
 
-    /// Takes in whole lines of a program.
+    /// Adds whole lines of a program.
     pub(super) fn wrote(&mut self, path: &str, text: &str) {
         let Some(lines) = self.lines.get_mut(path) else { return };
         lines.extend(last_lines(text.as_bytes(), false));
@@ -69,8 +69,8 @@ impl Late {
         }
     }
 
-    /// Returns the programs that were stopped because of a failure, if the failure is a deadline, with the last output
-    /// lines of each; programs without output are left out.
+    /// If a failure is a deadline, returns the programs that it has stopped, with the last lines of each. Leaves out
+    /// programs without output.
     pub(super) fn of(&self, failure: &Failure) -> Vec<(&str, &[String])> {
         let FailureCause::Failed(why) = &failure.cause else { return Vec::new() };
         let Some(of) = self.deadlines.get(&(failure.origin.clone(), why.clone())) else { return Vec::new() };
@@ -81,7 +81,7 @@ impl Late {
     }
 }
 
-/// Calls `found` for each `P within d` with the message of its deadline, and P.
+/// Calls `found` for each `P within d`, with the message of its deadline and with `P`.
 fn find(expression: &Expression, found: &mut dyn FnMut(&str, &Expression)) {
     if let Expression::Disable(of) = expression
         && let [of, Expression::Sequence(_, end)] = &of[..]

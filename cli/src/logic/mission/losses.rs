@@ -1,13 +1,13 @@
-//! The values that the inputs of programs have lost and refused in a whole run, from the signals that count them.
+//! How many values the inputs of programs have lost and refused during a whole run. Signals of the programs count them.
 
 use comms::logic::signals::{LOST_VALUES, REFUSED_VALUES, Signals};
 use node::logic::table::counted;
 use std::collections::BTreeMap;
 
-/// The most programs that are counted; of more nothing is told.
+/// The most programs whose losses are counted.
 const PROGRAMS_MAX: usize = 10_000;
 
-/// A count that begins again with each activation.
+/// A count that restarts at zero with each activation.
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
     last: f64,
@@ -26,7 +26,7 @@ impl Count {
 pub(super) struct ProgramLosses(BTreeMap<String, [Count; 2]>);
 
 impl ProgramLosses {
-    /// Takes a sample of a program in.
+    /// Adds a sample of a program.
     pub(super) fn take(&mut self, path: &str, sample: &Signals) {
         for (place, name) in [LOST_VALUES, REFUSED_VALUES].into_iter().enumerate() {
             let signal = sample.values.iter().find(|signal| signal.name == name);
@@ -42,7 +42,7 @@ impl ProgramLosses {
         }
     }
 
-    /// Returns each program that has lost or refused values, and how many, in words.
+    /// Returns each program that has lost or refused values, with the number of values in words.
     pub(super) fn texts(&self) -> impl Iterator<Item = (&str, String)> {
         self.0.iter().map(|(path, counts)| {
             let words = counts.iter().zip(["lost", "refused"]).filter(|(count, _)| count.total > 0.0);

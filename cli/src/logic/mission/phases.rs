@@ -1,10 +1,11 @@
-//! The phases of a mission: which step of the main sequence is running, since when, and how it ended.
+//! The phases of a mission: which step of the main sequence runs, since when, and how each step ended.
 //!
-//! The steps come from the expression of the first group, breadth first from `main`, that has anything in sequence: its
-//! chain of `;`, `:`, `;;` and `else`, flattened. Members that run beside the chain (`motion # (a ; b)`) are background
-//! and belong to no phase. Without any sequence the whole expression is the one step.
+//! The steps come from the first group whose expression contains a sequence; the groups are searched breadth first from
+//! `main`. The steps are the parts of its chain of `;`, `:`, `;;` and `else`, flattened. Members that run beside the
+//! chain (`motion # (a ; b)`) are background and belong to no phase. If no group has a sequence, the whole expression
+//! is the only step.
 //!
-//! If that group is an activity, each phase is the time that it spends in the same states.
+//! If that group is an activity, a phase lasts as long as the activity stays in the same states.
 
 mod steps;
 
@@ -15,25 +16,25 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use steps::{Step, steps};
 
-/// The most phases kept; the oldest are forgotten and counted. A loop can have any number.
+/// The most phases that are kept. Older ones are dropped and counted, because a loop can have any number of phases.
 pub const PHASES_MAX: usize = 1_000;
 
-/// The step of a phase of which the present plan has none.
+/// The step of a phase whose step is not in the present plan.
 const GONE: usize = usize::MAX;
 
-/// How many phases back a late value may belong.
+/// How many phases are searched, from the last one back, for the phase of a late value.
 const LATE_MAX: usize = 8;
 
-/// A stretch of time in which one step of the main sequence ran.
+/// A period in which one step of the main sequence ran.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
-    /// The step as written in the spec: `(opengrip, approach) # hit`. Of an activity, the states.
+    /// The step as written in the spec: `(opengrip, approach) # hit`. For an activity, its states.
     pub name: String,
-    /// Since GO.
+    /// The time since GO at the begin.
     pub begin: Duration,
-    /// Since GO, once it is over.
+    /// The time since GO at the end; nothing while the phase runs.
     pub end: Option<Duration>,
-    /// The member that ended it; none while it runs and when it was stopped from outside.
+    /// The member whose end ended the phase. Nothing while the phase runs, or if it was stopped from outside.
     pub decided: Option<DecidingMember>,
     step: usize,
     members: usize,
@@ -44,7 +45,7 @@ pub struct Phase {
     peaks: Vec<Option<f64>>,
 }
 
-/// The member whose own ending ended a phase.
+/// The member whose end ended a phase.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DecidingMember {
     /// Its name within its group.
@@ -54,12 +55,12 @@ pub struct DecidingMember {
 }
 
 impl Phase {
-    /// Returns the largest magnitude in this phase of the track with this index in `Mission::tracks`, if it was seen.
+    /// Returns the largest magnitude of a track in this phase, if the track had a value. `track` is the index in `Mission::tracks`.
     pub fn peak(&self, track: usize) -> Option<f64> {
         self.peaks.get(track).copied().flatten()
     }
 
-    /// Returns how it ended in a few words: `distdetect done`, `aborted: blocked`, `stopped`, `running`.
+    /// Returns in a few words how the phase ended: `distdetect done`, `aborted: blocked`, `stopped`, `running`.
     pub fn ended(&self) -> String {
         let Some(DecidingMember { member, ending }) = &self.decided else {
             let ended = if self.is_state { "left" } else { "stopped" };
@@ -74,12 +75,12 @@ impl Phase {
         if self.members == 1 { how } else { format!("{member} {how}") }
     }
 
-    /// Returns whether the member that ended it failed.
+    /// Returns whether the member that ended the phase failed.
     pub fn failed(&self) -> bool {
         self.decided.as_ref().is_some_and(|decided| matches!(decided.ending, Ending::Aborted(_) | Ending::Unconfirmed))
     }
 
-    /// Returns how long it took, or has taken by `now`.
+    /// Returns how long the phase took, or how long it has run at `now`.
     pub fn took(&self, now: Duration) -> Duration {
         self.end.unwrap_or(now).saturating_sub(self.begin)
     }
@@ -89,7 +90,7 @@ impl Phase {
             Change::Activated => {
                 self.seen.insert(member);
                 self.active.insert(member);
-                // A program of an activity belongs to the state that is reported next.
+                // In an activity, a program that begins now belongs to the state that is reported next.
                 if !self.is_state {
                     (self.end, self.decided) = (None, None);
                 }
@@ -99,7 +100,7 @@ impl Phase {
             }
             Change::Ended(ending) => {
                 self.active.remove(&member);
-                // The loser of `#` ends too, but only because it was asked to: it decides nothing.
+                // The loser of `#` also ends, but only because it was asked to stop. So it does not decide how the phase ended.
                 if !self.stopping.contains(&member) && *ending != Ending::Stopped {
                     self.decided = Some(DecidingMember { member: name.to_owned(), ending: ending.clone() });
                 }
@@ -129,7 +130,7 @@ impl Phase {
 #[derive(Debug, Clone)]
 struct ActivityNames {
     path: String,
-    /// The room for the names of the states: the longest one, or two of them if the activity has parallel states.
+    /// The width for the names of the states: the longest name, or twice as much if the activity has parallel states.
     width: usize,
 }
 
@@ -150,9 +151,9 @@ pub(super) struct Phases {
     steps: Vec<Step>,
     /// The activity whose states are the phases.
     activity: Option<ActivityNames>,
-    /// Slot of each member of the group that has the steps, by absolute path.
+    /// The slot of each member of the group with the steps, by absolute path.
     slots: BTreeMap<String, (u32, String)>,
-    /// The programs below members that are groups, by absolute path: those that run now.
+    /// The programs inside members that are groups, by absolute path, and whether each runs now.
     inner: BTreeMap<String, bool>,
     phases: Vec<Phase>,
     dropped: usize,
@@ -174,8 +175,8 @@ impl Phases {
         Self { steps, activity, slots, inner, phases: Vec::new(), dropped: 0 }
     }
 
-    /// Returns the programs that run below the members of the current phase: their paths below these, `hit/force`. Services are
-    /// among them.
+    /// Returns the programs that run inside the members of the current phase, including services. Their paths are
+    /// relative to the group with the steps: `hit/force`.
     pub(super) fn inner(&self) -> impl Iterator<Item = &str> {
         let phase = self.phases.last();
         let active = move |slot: &u32| phase.is_some_and(|phase| phase.active.contains(slot));
@@ -188,8 +189,8 @@ impl Phases {
         })
     }
 
-    /// Goes on with the steps of another plan. Phases that are over stay unchanged; the running phase becomes the step
-    /// of the new plan in which its members run.
+    /// Continues with the steps of another plan. Ended phases stay unchanged. The running phase becomes the step of the
+    /// new plan that contains its running members.
     pub(super) fn replan(&mut self, plan: &Plan) {
         let next = Self::new(plan);
         let old = std::mem::replace(&mut self.slots, next.slots);
@@ -231,7 +232,7 @@ impl Phases {
         self.dropped
     }
 
-    /// Returns the length of the longest name, so that lines can be aligned from the first phase on.
+    /// Returns the length of the longest name. With it, lines are aligned from the first phase on.
     pub(super) fn name_width(&self) -> usize {
         let states = self.activity.as_ref().map(|activity| activity.width);
         states.or_else(|| self.steps.iter().map(|step| step.name.chars().count()).max()).unwrap_or(0)
@@ -254,7 +255,7 @@ impl Phases {
                 self.begin(step, at);
             }
         }
-        // Usually the current phase; an ending that comes late belongs to the one in which the member was active then.
+        // This is usually the current phase. If an end is reported late, it belongs to an earlier phase, in which the member was active.
         let is_of = |phase: &&mut Phase| phase.active.contains(&member) && phase.begin <= at;
         let phase = match change {
             Change::Activated => self.phases.last_mut(),
@@ -279,7 +280,7 @@ impl Phases {
             phase.change(member, &name, change, at);
         }
         if let Change::Ended(_) = change {
-            // Each round of a loop had it.
+            // The member was active in each round of a loop, so it is removed from each.
             for phase in self.phases.iter_mut().rev().take(LATE_MAX) {
                 phase.active.remove(&member);
             }
@@ -287,7 +288,7 @@ impl Phases {
     }
 
     pub(super) fn sample(&mut self, track: usize, value: f64, at: Duration) {
-        // A peak is reported a moment later, when the next phase may have begun.
+        // A peak is reported a moment later. Then the next phase may have begun.
         let is_in = |phase: &&mut Phase| phase.begin <= at && phase.end.is_none_or(|end| at < end);
         if let Some(phase) = self.phases.iter_mut().rev().take(LATE_MAX).find(is_in) {
             if phase.peaks.len() <= track {
@@ -304,8 +305,8 @@ impl Phases {
         }
     }
 
-    /// Returns the step in which `member` was activated: the current one if it has not been active there yet, else the
-    /// next one that contains it, wrapping around for a loop.
+    /// Returns the step in which `member` was activated. This is the current step if the member has not been active in
+    /// it, else the next step that contains the member. In a loop, the search continues with the first step.
     fn step_of(&self, member: u32) -> Option<usize> {
         let from = match self.phases.last().filter(|phase| phase.step != GONE) {
             Some(phase) => phase.step + usize::from(phase.seen.contains(&member)),
@@ -319,7 +320,7 @@ impl Phases {
         self.activity.as_ref().is_some_and(|activity| activity.path == path)
     }
 
-    /// The activity is in other states. Its first program may have been reported before.
+    /// Notes that the activity has entered other states. The first program of the new states may have been reported before.
     fn enter(&mut self, states: String, at: Duration) {
         let is_unnamed = |phase: &Phase| self.steps.get(phase.step).is_some_and(|step| step.name == phase.name);
         if !self.phases.last().is_some_and(is_unnamed) {
@@ -338,7 +339,7 @@ impl Phases {
             self.phases.remove(0);
             self.dropped += 1;
         }
-        // A member that runs beside a loop belongs to each of its rounds.
+        // A member that runs beside a loop belongs to each round of the loop.
         let again = self.phases.last().filter(|phase| phase.step == step);
         let active = again.map(|phase| phase.active.clone()).unwrap_or_default();
         let Step { name, members } = &self.steps[step];
@@ -358,7 +359,7 @@ impl Phases {
     }
 }
 
-/// Returns whether a path is below another.
+/// Returns whether `path` is inside `above`.
 fn is_below(path: &str, above: &str) -> bool {
     path.strip_prefix(above).is_some_and(|rest| rest.starts_with('/'))
 }

@@ -3,20 +3,20 @@
 use crate::logic::mission::{Mission, Note, Phase};
 use std::time::Duration;
 
-/// How often a log that is not a terminal gets a line while nothing changes.
+/// How often a file or a pipe gets a line while nothing changes.
 const PLAIN_EVERY: Duration = Duration::from_secs(2);
 /// The most routine notes that are shown within [`ROUTINE_WITHIN`]; the rest are counted.
 const ROUTINE_MAX: usize = 20;
 const ROUTINE_WITHIN: Duration = Duration::from_secs(1);
 /// The widest column of phase names.
 const NAME_MAX: usize = 40;
-/// As many programs inside groups are named.
+/// The most programs inside groups that are named.
 const INNER_MAX: usize = 3;
 
 /// Where the lines go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
-    /// A terminal of this many columns, whose last line can be drawn again.
+    /// A terminal of this many columns. Its last line can be drawn again.
     Terminal(usize),
     /// A file or a pipe.
     Plain,
@@ -27,11 +27,11 @@ pub enum Style {
 pub enum Line {
     /// A line that stays on the screen.
     Kept(String),
-    /// Takes the place of the live line before it; in the plain style it stays.
+    /// A line that replaces the previous live line on a terminal. In the plain style, it stays.
     Live(String),
 }
 
-/// Remembers the lines that were already shown.
+/// Remembers which lines have been shown.
 #[derive(Debug, Default)]
 pub struct Progress {
     start: String,
@@ -44,7 +44,7 @@ pub struct Progress {
     last: Duration,
 }
 
-/// The routine notes within some time.
+/// The routine notes within the last [`ROUTINE_WITHIN`].
 #[derive(Debug, Default)]
 struct Routine {
     began: Duration,
@@ -53,7 +53,7 @@ struct Routine {
 }
 
 impl Routine {
-    /// Returns whether a note is shown.
+    /// Returns whether to show a note.
     fn shows(&mut self, note: &Note, lines: &mut Vec<Line>) -> bool {
         self.pass(note.at, lines);
         if !note.is_routine || self.shown < ROUTINE_MAX {
@@ -64,7 +64,7 @@ impl Routine {
         false
     }
 
-    /// Begins again once the time is over, and tells how many notes were left out.
+    /// If the time is over, reports how many notes were left out, and begins a new period.
     fn pass(&mut self, now: Duration, lines: &mut Vec<Line>) {
         if now >= self.began + ROUTINE_WITHIN {
             self.tell(lines);
@@ -82,7 +82,7 @@ impl Routine {
 }
 
 impl Progress {
-    /// Returns the new lines since the last call. To be called after each report, and about every 100 ms in addition.
+    /// Returns the new lines since the last call. Has to be called after each report, and also about every 100 ms.
     pub fn lines(&mut self, mission: &Mission, style: Style) -> Vec<Line> {
         let mut lines = Vec::new();
         if !mission.start().is_running() {
@@ -136,7 +136,7 @@ impl Progress {
 fn fitted(mut lines: Vec<Line>, style: Style) -> Vec<Line> {
     if let Style::Terminal(width) = style {
         for line in &mut lines {
-            // A live line that wraps could not be drawn again; the others may wrap.
+            // A live line must not wrap, because it could not be drawn again then. Other lines may wrap.
             if let Line::Live(text) = line {
                 *text = cut(text, width.saturating_sub(1));
             }
@@ -185,7 +185,7 @@ fn line(mission: &Mission, at: Duration, mark: char, name: &str, took: Duration,
     text.trim_end().to_owned()
 }
 
-/// Returns `text` in at most `width` characters, with `…` in place of the rest.
+/// Cuts `text` to at most `width` characters; `…` replaces the rest.
 pub(super) fn cut(text: &str, width: usize) -> String {
     if text.chars().count() <= width {
         return text.to_owned();
@@ -262,7 +262,7 @@ mod tests {
         );
     }
 
-    /// A flood is thinned, but each line is shown or counted, and questions and failures are always shown.
+    /// If there are very many notes, some are left out. But each is shown or counted, and questions and failures are always shown.
     #[test]
     fn a_flood_hides_no_question_and_no_failure() {
         let (mut mission, mut progress, mut lines) = (Mission::new(&door()), Progress::default(), Vec::new());

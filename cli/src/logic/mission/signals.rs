@@ -5,7 +5,7 @@ use comms::logic::signals::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The most signals that are kept; more are left out.
+/// The most signals that are kept. Further signals are left out.
 pub const TRACKS_MAX: usize = 10_000;
 
 /// One signal of one program.
@@ -15,22 +15,22 @@ pub struct Track {
     pub path: String,
     /// The signal's name.
     pub name: String,
-    /// Its unit; empty for none.
+    /// The unit of the signal; empty if it has none.
     pub unit: String,
     /// Whether it belongs on a one-line display.
     pub headline: bool,
     /// Its latest value.
     pub last: f64,
-    /// When that was, since GO.
+    /// The time since GO of the latest value.
     pub last_at: Duration,
     /// Its largest magnitude.
     pub peak: f64,
-    /// When that was, since GO.
+    /// The time since GO of the peak.
     pub peak_at: Duration,
 }
 
 impl Track {
-    /// Returns `value` as text, with decimals that suit the range of the signal so far.
+    /// Formats `value` with as many decimals as suit the range of the signal so far.
     pub fn text(&self, value: f64) -> String {
         let decimals = match self.peak {
             peak if peak >= 1000.0 => 0,
@@ -40,13 +40,13 @@ impl Track {
             _ => 1,
         };
         let text = format!("{value:.decimals$}");
-        // `-0.000` would be an odd number to show.
+        // This avoids the text `-0.000`.
         let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
         if is_zero { text.trim_start_matches('-').to_owned() } else { text }
     }
 }
 
-/// The signals in the order of first appearance, found by path and name.
+/// The signals in the order in which they first appeared. A signal is found by path and name.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tracks {
     all: Vec<Track>,
@@ -54,7 +54,7 @@ pub(super) struct Tracks {
 }
 
 impl Tracks {
-    /// Takes a value in and returns the index of its track, or none when there are too many.
+    /// Adds a value. Returns the index of its track, or nothing if there are too many tracks.
     pub(super) fn push(&mut self, path: &str, at: Duration, signal: &Signal) -> Option<usize> {
         let known = self.index.get(path).and_then(|names| names.get(signal.name.as_str())).copied();
         let index = match known {

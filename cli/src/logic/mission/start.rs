@@ -1,16 +1,16 @@
-//! How far the start of a deployment is: programs up, links made, GO.
+//! The progress of a deployment's start: programs run, links are made, GO is given.
 
 use comms::logic::human::span;
 use language::plan::Plan;
 use node::logic::table::counted;
 use std::time::Duration;
 
-/// The way to GO.
+/// The progress until GO.
 #[derive(Debug, Clone)]
 pub struct Start {
     hosts: Vec<Host>,
     took: Option<Duration>,
-    /// How far apart the programs of the first step may have begun, if that was to be at one moment.
+    /// For an aligned start: the largest possible time between the begins of the programs of the first step.
     aligned: Option<Duration>,
 }
 
@@ -67,12 +67,12 @@ impl Start {
         self.took.is_some()
     }
 
-    /// Returns how long PREPARE to GO took, once GO was given.
+    /// Returns the time from PREPARE to GO, once GO was given.
     pub fn took(&self) -> Option<Duration> {
         self.took
     }
 
-    /// Returns how many programs there are, and on how many hosts.
+    /// Returns the number of programs and the number of hosts.
     pub fn size(&self) -> (usize, usize) {
         (self.hosts.iter().map(|host| host.leaves).sum(), self.hosts.len())
     }
@@ -88,7 +88,8 @@ impl Start {
         format!("starting {}: {}", counted(programs, "program"), hosts.collect::<Vec<_>>().join(" · "))
     }
 
-    /// Returns one line once GO was given: `20 programs on 3 hosts, started in 0.8 s`, and how well an aligned start is.
+    /// Returns one line once GO was given: `20 programs on 3 hosts, started in 0.8 s`. For an aligned start, the line
+    /// says how exact it was.
     pub fn done(&self) -> Option<String> {
         let (programs, hosts) = self.size();
         let took = self.took?.as_secs_f64();

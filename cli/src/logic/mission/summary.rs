@@ -5,9 +5,9 @@ use crate::logic::mission::{Mission, Note, Outcome, Phase, Track, seconds, short
 use node::logic::table::counted;
 use std::time::Duration;
 
-/// The most rows of phases; a screen has about 24.
+/// The most phases in the table; a screen has about 24 lines.
 const ROWS_MAX: usize = 14;
-/// The most signals with a column.
+/// The most signals that have a column.
 const COLUMNS_MAX: usize = 6;
 /// The most notes shown.
 const NOTES_MAX: usize = 6;
@@ -17,22 +17,22 @@ const LOSSES_MAX: usize = 6;
 const OUTPUTS_MAX: usize = 3;
 /// The widest cell.
 const CELL_MAX: usize = 40;
-/// The narrowest a cell is made so that the others have room.
+/// The smallest width to which a cell is cut, so that other cells fit.
 const CELL_MIN: usize = 16;
 
-/// Where a person finds the rest.
+/// The files with the complete information.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Files {
     /// Path of the record.
     pub record: Option<String>,
     /// Path of the report.
     pub report: Option<String>,
-    /// Samples that the recorder had to leave out.
+    /// How many samples the recorder has left out.
     pub dropped: u64,
 }
 
-/// Returns the one-screen summary of a mission that is over, with a line feed at its end; no line is wider than `columns`,
-/// but for one word that is.
+/// Returns the summary of a mission that has ended, on one screen, with a line feed at its end. No line is wider than
+/// `columns`, except for a single word that is wider.
 pub fn summary(mission: &Mission, files: &Files, columns: Option<usize>) -> String {
     let columns = columns.unwrap_or(usize::MAX);
     let text = text(mission, files, columns);
@@ -79,7 +79,7 @@ fn text(mission: &Mission, files: &Files, columns: usize) -> String {
     text
 }
 
-/// Returns the chain from `main` to the process where a failure began, if there was one.
+/// Returns the chain from `main` to the process where a failure began; nothing if the mission did not fail.
 pub fn failure_chain(mission: &Mission) -> Option<String> {
     match &mission.verdict()?.outcome {
         Outcome::Aborted(failure) => Some(failure.to_string()),
@@ -87,8 +87,8 @@ pub fn failure_chain(mission: &Mission) -> Option<String> {
     }
 }
 
-/// Returns the last lines of the program whose failure ended the mission, or of those that a deadline has ended, each
-/// with a heading.
+/// Returns the last lines of the program whose failure ended the mission, or of the programs that a deadline has
+/// stopped. Each program has a heading.
 pub fn failure_output(mission: &Mission) -> Vec<(String, &[String])> {
     let Some(Outcome::Aborted(failure)) = mission.verdict().map(|verdict| &verdict.outcome) else { return Vec::new() };
     if !failure.cause.output().is_empty() {
@@ -98,7 +98,7 @@ pub fn failure_output(mission: &Mission) -> Vec<(String, &[String])> {
     late.map(|(path, output)| (format!("the end of the output of `{}`", short(path)), output)).collect()
 }
 
-/// Returns a line as several, broken between words, aligned below its beginning.
+/// Breaks a line between words into several lines. The further lines are indented to its beginning.
 fn wrapped(line: &str, columns: usize) -> String {
     if line.chars().count() <= columns {
         return line.to_owned();
@@ -132,7 +132,7 @@ fn title(mission: &Mission) -> String {
 }
 
 fn notes(mission: &Mission, text: &mut String) {
-    // The failure that ended everything is shown above as a chain.
+    // The failure that ended the mission is already shown above, as a chain.
     let told = match mission.verdict().map(|verdict| &verdict.outcome) {
         Some(Outcome::Aborted(failure)) => short(&failure.origin),
         Some(Outcome::Done | Outcome::Stopped | Outcome::Unconfirmed | Outcome::Refused(_)) | None => "",
@@ -162,7 +162,7 @@ type Row = (Vec<String>, Vec<String>);
 
 fn table(mission: &Mission, columns: usize, text: &mut String) {
     let all: Vec<(usize, &Track)> = mission.headlines().take(COLUMNS_MAX).collect();
-    // First the names get shorter, then signals are left out, the last ones first.
+    // If the table is too wide, first names are shortened. Then signals are left out, beginning with the last one.
     let sizes = [CELL_MAX, CELL_MIN].map(|cell| (cell, all.len()));
     let fewer = (0..all.len()).rev().map(|count| (CELL_MIN, count));
     let mut rows = String::new();
@@ -207,7 +207,7 @@ fn table_of(mission: &Mission, signals: &[(usize, &Track)], cell_max: usize) -> 
 
 fn phase_cells(phase: &Phase, now: Duration, cells: &dyn Fn([&str; 4]) -> Vec<String>) -> Vec<String> {
     let ended = phase.ended();
-    // The full reason of a failure is above the table.
+    // The full reason of a failure is already shown above the table.
     let ended = ended.split(": ").next().unwrap_or_default();
     cells([&phase.name, &seconds(phase.begin), &seconds(phase.took(now)), ended])
 }
@@ -217,7 +217,7 @@ fn peaks(phase: &Phase, signals: &[(usize, &Track)]) -> Vec<String> {
     signals.iter().map(peak).collect()
 }
 
-/// Returns the rows with names to the left and numbers to the right of their columns.
+/// Returns the rows as text. Names are aligned left, numbers right.
 fn aligned(rows: &[Row]) -> String {
     let columns = rows.first().map_or(0, |(left, right)| left.len() + right.len());
     let all = |row: &Row| row.0.iter().chain(&row.1).cloned().collect::<Vec<_>>();
@@ -336,7 +336,7 @@ mod tests {
         let mut running = mission.clone();
         feed_more(&mut mission, "5.1 slow stopped \n 5.1 cam stopped");
         for mission in [&mut mission, &mut running] {
-            // Output in transit at the end arrives later.
+            // Output that is still in transit at the end arrives later.
             mission.report(&end);
             mission.wrote("main/sys/slow", "waiting\n\x1b[1mno answer from the lens");
         }
@@ -371,7 +371,7 @@ mod tests {
         );
     }
 
-    /// Counts begin again with each activation, and the last one may come after the end.
+    /// Counts restart with each activation, and the last sample may arrive after the end.
     #[test]
     fn lost_values_are_in_the_summary() {
         let table = format!(

@@ -1,4 +1,4 @@
-//! Phases, peaks and verdicts from tables.
+//! Tests of phases, peaks and verdicts, with events from tables.
 
 use super::*;
 use crate::logic::record::Entry;
@@ -14,7 +14,7 @@ pub(crate) fn seconds(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds)
 }
 
-/// A plan of one system group under `main` whose members are all leaves; a name that ends in `!` is a service.
+/// Returns a plan with one group under `main` whose members are all programs. A name that ends in `!` is a service.
 pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
     let mut leaves = Vec::new();
     let mut members = Vec::new();
@@ -79,13 +79,13 @@ pub(crate) fn door() -> Plan {
     plan(&names, E::Disable(vec![run(0), chain]))
 }
 
-/// Feeds GO and then a table.
+/// Gives a mission GO, and then the events of a table.
 pub(crate) fn feed(mission: &mut Mission, table: &str) {
     mission.report(&Report::Go { took: seconds(0.8), signals: Vec::new() });
     feed_more(mission, table);
 }
 
-/// Feeds a table.
+/// Gives a mission the events of a table.
 pub(crate) fn feed_more(mission: &mut Mission, table: &str) {
     for entry in event_table(table) {
         match entry {
@@ -96,7 +96,8 @@ pub(crate) fn feed_more(mission: &mut Mission, table: &str) {
     }
 }
 
-/// One line an event: `at process activated|stopping|done|stopped|why it aborted`, or `at process signal value unit`.
+/// Reads a table with one event on each line: `at process activated|stopping|done|stopped|why it aborted`, or `at
+/// process signal value unit`.
 pub(crate) fn event_table(table: &str) -> Vec<Entry> {
     let lines = table.lines().map(str::trim).filter(|line| !line.is_empty());
     let entry = |line: &str| {
@@ -331,13 +332,12 @@ fn steps_are_told_as_the_spec_has_them() {
     );
 }
 
-/// After a change the phases are those of the new plan: the running phase goes on as its step there, and earlier phases
-/// stay.
+/// After a change, the phases are those of the new plan. The running phase continues as its step there. Earlier phases stay.
 #[test]
 fn a_changed_plan_has_phases_of_its_own() {
     let names = ["motion!", "servo!", "near", "look", "close"];
     let before = plan(&names[..3], E::Disable(vec![run(0), seq(vec![run(1), run(2)])]));
-    // `servo` has ended; `near` runs, and from now on `look` runs beside it, before `close`.
+    // `servo` has ended and `near` runs. From now on, `look` runs beside it, before `close`.
     let mut names = names;
     names.swap(1, 3);
     let after = plan(&names, E::Disable(vec![run(0), seq(vec![run(3), E::Disable(vec![run(2), run(1)]), run(4)])]));
@@ -355,14 +355,14 @@ fn a_changed_plan_has_phases_of_its_own() {
         "3 look activated \n 4 look done \n 4 near stopping \n 4.1 near stopped \n 4.1 close activated",
     );
     assert_eq!(told(&mission), ["servo done", "near # look look done", "close running"]);
-    // Taken back: no running member is a step there.
+    // The change is undone: in the earlier plan, no running member belongs to a step.
     mission.report(&Report::Replanned { plan: Box::new(before) });
     assert_eq!(told(&mission)[2], "close running");
     feed_more(&mut mission, "5 servo activated");
     assert_eq!(told(&mission)[2..], ["close stopped", "servo running"]);
 }
 
-/// An activity may run nothing.
+/// The states of an activity may run no program.
 #[test]
 fn the_states_of_an_activity_without_programs_are_phases() {
     let text = "activity Ask(here: Host) { host{here} initial state s { on after 1 s -> f; } final state f; }
@@ -382,8 +382,8 @@ fn the_states_of_an_activity_without_programs_are_phases() {
     assert_eq!(report(Change::Ended(Ending::Done(Vec::new())), 1.0), ["s"]);
 }
 
-/// The states of an activity are its phases. Its programs may be reported before the state that starts them, and a state may be
-/// left without an end of a program.
+/// The states of an activity are its phases. Its programs may be reported before the state that starts them. An
+/// activity may leave a state although no program has ended.
 #[test]
 fn the_states_of_an_activity_are_phases() {
     let text = "module Step { done; }

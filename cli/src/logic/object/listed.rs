@@ -4,18 +4,18 @@ use comms::logic::object::{Access, ExportKind, Exported, TypeForm};
 use comms::logic::tap::{InnerOutput, OutputType};
 use serde_json::{Value, json};
 
-/// A name of a running program.
+/// A name that `dca list` shows.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Listed {
     /// `door:main/hand`
     pub(crate) process: String,
     pub(crate) name: String,
-    /// Of a wire inside a group, the input that it leads to.
+    /// For a wire inside a group, the input that it leads to.
     pub(crate) to: Option<String>,
     pub(crate) kind: ListedKind,
     pub(crate) types: String,
     pub(crate) doc: String,
-    /// The right that a user of a team needs to call it; none for all but procedures.
+    /// The right that a user of a team needs for a call; nothing if the name is not a procedure.
     pub(crate) access: Option<Access>,
 }
 
@@ -27,7 +27,7 @@ pub(crate) enum ListedKind {
     Output,
     /// The end of a connection.
     Input,
-    /// Between two members of an in-process group.
+    /// A wire between two members of an in-process group.
     InnerWire,
 }
 
@@ -66,7 +66,7 @@ impl Listed {
         inputs.into_iter().map(|input| Self { to: Some(input), ..of_output.clone() }).collect()
     }
 
-    /// Returns the cells of its row.
+    /// Returns the cells of the row.
     pub(crate) fn cells(&self) -> [String; 4] {
         let name = match &self.to {
             Some(to) => format!("{} -> {to}", self.name),

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-/// The longest line, in bytes; a longer one becomes several.
+/// The longest line, in bytes. A longer line is split.
 const LINE_MAX: usize = 64 << 10;
-/// The most that is kept of one program's output, in bytes.
+/// The most output of one program that is kept, in bytes.
 const OUTPUT_MAX: usize = 32 << 20;
 
-/// Puts lines together, of each program for itself.
+/// Puts the lines of each program together from its pieces of output.
 #[derive(Debug, Default)]
 pub struct Lines {
     programs: BTreeMap<String, Program>,
@@ -21,7 +21,7 @@ struct Program {
 }
 
 impl Lines {
-    /// Takes bytes in; returns the lines that they complete, joined, without the last line feed.
+    /// Adds bytes. Returns the lines that they complete, joined, without the last line feed.
     pub fn push(&mut self, path: &str, bytes: &[u8]) -> Option<String> {
         let program = self.programs.entry(path.to_owned()).or_default();
         if program.size >= OUTPUT_MAX {
@@ -42,7 +42,7 @@ impl Lines {
         Some(text(&lines))
     }
 
-    /// Returns the lines that were begun and have not been ended, with the programs that began them.
+    /// Returns the lines that have no end yet, with their programs.
     pub fn end(self) -> impl Iterator<Item = (String, String)> {
         let begun = self.programs.into_iter().filter(|(_, program)| !program.begun.is_empty());
         begun.map(|(path, program)| (path, text(&program.begun)))

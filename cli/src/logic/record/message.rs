@@ -1,4 +1,4 @@
-//! Messages of wires as JSON objects with a schema. The interface of the sender gives the layout of the bytes.
+//! Shows messages of wires as JSON objects with a schema. The interface of the sender gives the layout of the bytes.
 //!
 //! Samples on wires are encoded with postcard, which does not describe its content. Source:
 //! <https://postcard.jamesmunns.com/wire-format>.
@@ -10,7 +10,7 @@ use language::Source;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Field of a message that is not a record.
+/// The field name of a message that is not a record.
 const VALUE: &str = "value";
 
 /// The types of outputs: by module, then by output.
@@ -38,7 +38,7 @@ fn layout(declared: language::Layout) -> Layout {
     }
 }
 
-/// Returns the schema of a message. Lists are arrays; every number is one.
+/// Returns the JSON schema of a message. Lists are arrays, and all kinds of numbers are numbers.
 pub(crate) fn schema(title: &str, message: &Message) -> Value {
     let mut schema = match &message.layout {
         Layout::Record(_) => property(&message.layout),
@@ -65,7 +65,7 @@ fn property(layout: &Layout) -> Value {
     }
 }
 
-/// Returns a name for each field that a viewer can plot by.
+/// Returns a name for each field that a viewer can use in a plot.
 pub(crate) fn names(fields: &[Field]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for field in fields {
@@ -75,8 +75,8 @@ pub(crate) fn names(fields: &[Field]) -> Vec<String> {
     names
 }
 
-/// Returns a message as an object; nothing if the bytes are not laid out so, to the last one. A field with a number that JSON
-/// has not, as an infinite one, is left out.
+/// Decodes a message to an object; returns nothing unless all bytes fit the layout. A field is left out if it has a
+/// number that JSON cannot hold, such as an infinite one.
 pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     let value = read(&message.layout, bytes, &mut Json)?;
     Some(match (&message.layout, value) {
@@ -86,7 +86,7 @@ pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     })
 }
 
-/// Makes JSON; none of a value with a number that JSON cannot hold.
+/// Makes JSON. Returns nothing for a value with a number that JSON cannot hold.
 struct Json;
 
 impl Build for Json {
@@ -118,7 +118,7 @@ impl Build for Json {
     }
 }
 
-/// Returns the type of a ROS 2 message, `ros.sensor.LaserScan`, and the bytes of its CDR; nothing for another message.
+/// For a ROS 2 message, returns its type, such as `ros.sensor.LaserScan`, and its CDR bytes. Returns nothing for another message.
 pub(super) fn cdr<'a>(message: &'a Message, bytes: &'a [u8]) -> Option<(&'a str, &'a [u8])> {
     let Layout::Piece { of } = &message.layout else { return None };
     let mut reader = Reader::new(bytes);

@@ -1,46 +1,46 @@
-//! Reads the bytes of a record part by part, and skips damaged ones.
+//! Reads the bytes of a record part by part, and skips damaged parts.
 //!
-//! All recorded data is in chunks and attachments, which have checksums; the bytes between them have one checksum over
-//! all bytes up to the end. After a part whose length is damaged, the next whole chunk is searched. Source: the MCAP
-//! format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End, Footer.
+//! All recorded data is in chunks and attachments, which have checksums. The bytes between them are covered by one
+//! checksum over all bytes up to the end. After a part whose length is damaged, reading continues at the next whole
+//! chunk. Source: the MCAP format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End, Footer.
 
 use mcap::records::op;
 use std::ops::Range;
 
-/// Opcode and length.
+/// The size of an opcode and a length.
 const HEAD: usize = 1 + 8;
-/// A chunk's own fields: times, size, checksum, an empty name of a compression, size again.
+/// The size of a chunk's own fields: two times, size, checksum, empty name of a compression, size again.
 const CHUNK_HEAD: usize = 8 + 8 + 8 + 4 + 4 + 8;
 
-/// Where the summary begins, where its offsets begin, and its checksum.
+/// The opcode and the length of a footer. Its fields are the begin of the summary, the begin of the offsets, and a checksum.
 const FOOTER_HEAD: [u8; HEAD] = [op::FOOTER, 8 + 8 + 4, 0, 0, 0, 0, 0, 0, 0];
 const FOOTER_SIZE: usize = HEAD + 8 + 8 + 4;
 
-/// A record of the format.
+/// A part of the file. The format calls it a record.
 #[derive(Clone, Debug)]
 pub(super) struct Part<'a> {
     pub(super) opcode: u8,
     pub(super) body: &'a [u8],
-    /// Its place in the file.
+    /// The position of the part in the file.
     place: Range<usize>,
 }
 
 /// The next part of a record.
 #[derive(Debug)]
 pub(super) enum Next<'a> {
-    /// A complete part, checked if it has a checksum.
+    /// A complete part. If the part has a checksum, it fits.
     Whole(Part<'a>),
-    /// The bytes there are damaged.
+    /// The bytes at this position are damaged.
     Damaged(Range<usize>),
-    /// The data ends, as it was written.
+    /// The data ends here, and the end of the file is complete.
     End,
-    /// The data ends, but the file behind this byte, which other readers need, is cut or damaged.
+    /// The data ends, but the rest of the file after this byte is cut or damaged. Other readers need this rest.
     EndLost(usize),
-    /// The bytes end without an end.
+    /// The file ends at this byte, before the end of the data.
     Cut(usize),
 }
 
-/// Goes through all parts of a file, up to the end of its data. The parts in a chunk stand for the chunk.
+/// Goes through all parts of a file, up to the end of its data. In place of a chunk, `take` gets the parts in it.
 pub(super) fn each<'a>(bytes: &'a [u8], mut take: impl FnMut(Next<'a>)) {
     let mut parts = Parts::new(bytes);
     loop {
@@ -54,7 +54,7 @@ pub(super) fn each<'a>(bytes: &'a [u8], mut take: impl FnMut(Next<'a>)) {
     }
 }
 
-/// Goes through the bytes of a file.
+/// Reads the bytes of a file part by part.
 #[derive(Debug)]
 struct Parts<'a> {
     bytes: &'a [u8],
@@ -63,12 +63,12 @@ struct Parts<'a> {
 }
 
 impl<'a> Parts<'a> {
-    /// Begins behind the file's magic.
+    /// Begins after the file's magic.
     fn new(bytes: &'a [u8]) -> Self {
         Self { bytes, at: mcap::MAGIC.len(), is_damaged: false }
     }
 
-    /// Returns the next part; after `End` and `Cut` the results have no meaning.
+    /// Returns the next part. After `End` and `Cut`, further results have no meaning.
     fn next(&mut self) -> Next<'a> {
         let from = self.at;
         let Some(part) = part_at(self.bytes, from) else {
@@ -83,7 +83,7 @@ impl<'a> Parts<'a> {
                     let end = part.place.end;
                     if is_whole_end(self.bytes, end) { Next::End } else { Next::EndLost(end) }
                 }
-                // Each part that has a checksum is whole: it is a byte between them.
+                // Each part with a checksum of its own is whole. So the damage is in the bytes between them.
                 _ => self.damaged(0..from),
             },
             op::CHUNK if !is_whole_chunk(part.body) => self.damaged(part.place),
@@ -113,7 +113,7 @@ fn in_chunk<'a>(chunk: &Part<'a>) -> impl Iterator<Item = Part<'a>> {
     })
 }
 
-/// Returns the part that begins there; none if it has no known kind, or ends behind the end.
+/// Returns the part that begins at this position. Returns nothing if its kind is not known, or if it is longer than the file.
 fn part_at(bytes: &[u8], at: usize) -> Option<Part<'_>> {
     let (opcode, length) = (*bytes.get(at)?, bytes.get(at + 1..at + HEAD)?);
     let length = usize::try_from(u64::from_le_bytes(length.try_into().ok()?)).ok()?;
@@ -128,7 +128,7 @@ fn is_chunk_at(bytes: &[u8], at: usize) -> bool {
 
 fn is_whole_chunk(body: &[u8]) -> bool {
     let Some(data) = body.get(CHUNK_HEAD..) else { return false };
-    // The recorder compresses nothing, so both sizes are that of the following data.
+    // The recorder does not compress, so both sizes are the size of the following data.
     let size = u64::try_from(data.len()).ok().map(u64::to_le_bytes);
     let sizes = [body.get(16..24), body.get(32..40)];
     sizes.iter().all(|found| found.is_some() && *found == size.as_ref().map(<[u8; 8]>::as_slice))
@@ -141,7 +141,7 @@ fn is_whole_attachment(body: &[u8]) -> bool {
     data.is_some_and(|data| number(body, data.len()) == Some(crc32fast::hash(data)))
 }
 
-/// Looks whether all is there that readers look for behind the end of the data: an optional summary, the footer, and the magic.
+/// Checks what readers need after the end of the data: an optional summary, the footer, and the magic.
 fn is_whole_end(bytes: &[u8], data_end: usize) -> bool {
     let Some(footer) = bytes.len().checked_sub(mcap::MAGIC.len() + FOOTER_SIZE).filter(|at| *at >= data_end) else {
         return false;
@@ -157,7 +157,7 @@ fn is_whole_end(bytes: &[u8], data_end: usize) -> bool {
     let start = bytes.get(body..body + 8).and_then(|bytes| Some(u64::from_le_bytes(bytes.try_into().ok()?)));
     let start = start.and_then(|start| usize::try_from(start).ok());
     let (has_summary, saved) = (footer > data_end, number(bytes, body + 16));
-    // The checksum is that of the summary and of the footer before it.
+    // The checksum covers the summary and the beginning of the footer.
     let found = crc32fast::hash(&bytes[data_end..body + 16]);
     at == footer
         && bytes.get(footer..body) == Some(&FOOTER_HEAD)

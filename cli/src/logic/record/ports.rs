@@ -1,4 +1,4 @@
-//! Chooses the wires that are recorded.
+//! Chooses the wires whose values are recorded.
 
 use super::message::Messages;
 use crate::logic::tap::Wanted;
@@ -24,17 +24,17 @@ pub struct Port {
 }
 
 impl Port {
-    /// Returns the key over which the wire's values go.
+    /// Returns the key under which the values of the wire are sent.
     pub fn key(&self, deployment: &Deployment) -> String {
         key::wire(&deployment.name, deployment.epoch, self.wire)
     }
 }
 
-/// Returns the named wires: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` has the known
-/// messages of the outputs.
+/// Returns the named wires: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` contains the
+/// known types of outputs.
 ///
 /// # Errors
-/// A sentence for a person: something means no wire that can be recorded.
+/// A sentence for a person: some name fits no wire that can be recorded.
 pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<Port>, String> {
     let named = |port: &LeafPort| {
         let path = plan.leaves.get(port.leaf as usize).map_or("", |leaf| &leaf.path);
@@ -56,7 +56,7 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         if wires().next().is_none() && what != "all" {
             return Err(format!("no output `{what}` is connected; write it as `force.Out`, or `all`"));
         }
-        // A wire whose consumer fetches the values sends nothing that could be received.
+        // If the consumer of a wire fetches the values, they are not sent, so they cannot be received.
         let pushed: Vec<_> = wires().filter(|(_, wire)| wire.transfer == Transfer::Push).collect();
         if pushed.is_empty() && what != "all" {
             return Err(format!("`{what}` cannot be recorded: its consumers fetch its values"));

@@ -1,4 +1,4 @@
-//! Reads the bytes of a record back to a run.
+//! Converts the bytes of a record back to a run.
 
 use crate::logic::record::parts::{self, Next, Part};
 use crate::logic::record::row::{Form, PATH, PORTS, TO, Unit};
@@ -19,36 +19,36 @@ use std::time::Duration;
 /// The reason why bytes are not a record.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// They are something else.
+    /// The bytes are something else.
     #[error("not the record of a run: {0}")]
     Foreign(String),
-    /// They are the beginning of a record, or a damaged one, and do not name their run.
+    /// The bytes are the beginning of a record, or a damaged record, and do not name their run.
     #[error("the record does not say what was run: {0}")]
     Damaged(String),
-    /// A later version of DCA wrote them.
+    /// A later version of DCA wrote the record.
     #[error("the record has version {0}; this program reads up to version {VERSION}")]
     Newer(u16),
 }
 
-/// The sentence for a record in which no whole entry has the time of GO.
+/// The sentence for a record from which the time of GO cannot be found.
 const NO_GO: &str = "when GO was is not known, so no entry has a time";
-/// How many damaged parts are named; of more the number is.
+/// How many cases of damage are described. Further cases are only counted.
 const NAMED_MAX: usize = 3;
 
 impl Run {
-    /// Returns the run that `bytes` are the record of. Of a record that ends early, because the recorder was killed, or that is
-    /// damaged, everything is read that is whole.
+    /// Returns the run whose record is in `bytes`. If the record is damaged, or ends early because the recorder was
+    /// killed, all intact parts are read.
     ///
     /// # Errors
-    /// When it does not even name its run: it is not a record, or that part of it is lost.
+    /// The bytes do not name their run: they are not a record, or this part of it is lost.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
         Self::read(RecordReader { bytes, ..RecordReader::default() })
     }
 
-    /// Returns the same with the values of wires.
+    /// Does the same as [`Run::from_bytes`], and also reads the values of wires.
     ///
     /// # Errors
-    /// As of [`Run::from_bytes`].
+    /// The same as for [`Run::from_bytes`].
     pub fn with_values(bytes: &[u8]) -> Result<Self, ReadError> {
         Self::read(RecordReader { bytes, keeps_values: true, ..RecordReader::default() })
     }
@@ -88,11 +88,11 @@ struct RecordReader<'a> {
     entries: Vec<Entry>,
     keeps_values: bool,
     values: Vec<RecordedValue>,
-    /// When GO was, since 1970.
+    /// When GO was given, since 1970.
     go: Option<Duration>,
     /// The earliest possible time of GO, from the later entries.
     go_min: Option<Duration>,
-    /// The damage, in the order of the file: the first case of it, and how many more there are.
+    /// The damage, in the order of the file: the first cases, and the number of further cases.
     damage: Vec<String>,
     damage_more: u64,
 }
@@ -120,7 +120,7 @@ struct Log {
 }
 
 impl RecordReader<'_> {
-    /// Reads all that is whole, to the end of the data.
+    /// Reads all intact parts up to the end of the data.
     fn all(&mut self) {
         parts::each(self.bytes, |next| {
             match next {
@@ -158,7 +158,7 @@ impl RecordReader<'_> {
         }
     }
 
-    /// Returns one sentence about the damage.
+    /// Returns a sentence about the damage.
     fn damage(&self) -> Option<String> {
         let more = match self.damage_more {
             0 => String::new(),
@@ -167,7 +167,7 @@ impl RecordReader<'_> {
         (!self.damage.is_empty()).then(|| self.damage.join("; ") + &more)
     }
 
-    /// Gives each entry its time since GO: only entries after GO tell when that was.
+    /// Sets the time since GO of each entry. This needs all entries, because only later entries may show when GO was.
     fn date(&mut self) {
         let go = self.go.or(self.go_min);
         if go.is_none() && !self.damage.is_empty() {
@@ -232,7 +232,7 @@ impl RecordReader<'_> {
         Ok(())
     }
 
-    /// Returns a channel; a channel whose announcement is damaged is also in the summary, if the record was ended.
+    /// Returns a channel. If the announcement of the channel is damaged, looks in the summary, which exists if the record was ended.
     fn channel(&mut self, id: u16) -> Result<&Channel, String> {
         if !self.channels.contains_key(&id) {
             let summary = mcap::read::Summary::read(self.bytes).ok().flatten();
@@ -262,12 +262,12 @@ impl Channel {
         Ok(Self { topic, path, to, form, units })
     }
 
-    /// Returns a value of a wire with the time `at`, since 1970.
+    /// Returns a value of a wire. `at` is its time since 1970.
     fn value(&self, at: Duration, data: Vec<u8>) -> RecordedValue {
         RecordedValue { from: self.path.clone(), to: self.to.clone(), at, form: self.form, data }
     }
 
-    /// Returns an entry with the time `at`, since 1970, if a report has a use for it.
+    /// Returns an entry if a report uses it. `at` is its time since 1970.
     fn entry(&self, at: Duration, data: &[u8]) -> Result<Option<Entry>, String> {
         if self.topic == EVENTS {
             let Event { report } = parse(data)?;
@@ -282,7 +282,7 @@ impl Channel {
         }
         let object: Map<String, Value> = parse(data)?;
         let values = self.units.iter().filter_map(|(field, unit)| {
-            // JSON has no NaN: such a value is left out.
+            // JSON cannot hold NaN, so such a value is missing.
             let value = object.get(field)?.as_f64()?;
             let Unit { place, unit, headline, name } = unit.clone();
             Some((place, Signal { name, unit, value, headline }))

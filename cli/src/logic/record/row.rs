@@ -14,17 +14,17 @@ use std::sync::Arc;
 use std::time::Duration;
 use view::sentence::report_text;
 
-/// The topic of reports.
+/// The topic for reports.
 pub const EVENTS: &str = "/events";
-/// The topic of programs' output.
+/// The topic for the output of programs.
 pub const LOG: &str = "/log";
-/// The beginning of the topic of a program's signals; its path follows, in plain names.
+/// The beginning of a topic for the signals of a program. The path of the program follows, in plain names.
 pub const SIGNALS: &str = "/signals/";
-/// The beginning of the topic of a wire; the path of its output follows, in plain names.
+/// The beginning of a topic for the values of a wire. The path of the output follows, in plain names.
 pub const PORTS: &str = "/ports/";
-/// Key of a channel's metadata: the program's unchanged path.
+/// The metadata key for the exact path of the program, or of the output of a wire.
 pub(super) const PATH: &str = "dca.path";
-/// Key of the metadata of a wire: the path of its input.
+/// The metadata key for the path of the input of a wire.
 pub(super) const TO: &str = "dca.to";
 
 /// A channel of the record.
@@ -34,11 +34,11 @@ pub struct Topic {
     pub name: String,
     /// The form of the messages.
     pub form: Form,
-    /// The schema's name; each schema has its own.
+    /// The name of the schema. Each schema has its own name.
     pub schema_name: String,
     /// The schema of the messages.
     pub schema: Vec<u8>,
-    /// For the channel: the program's path; name, unit and headline of each signal.
+    /// The metadata of the channel: the path of the program; name, unit and headline of each signal.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -52,7 +52,7 @@ pub enum Form {
 }
 
 impl Form {
-    /// Returns the encoding of the messages, and that of their schema, as the registry of MCAP names them.
+    /// Returns the encoding of the messages and the encoding of their schema, with their names in the registry of MCAP.
     pub fn encodings(self) -> (&'static str, &'static str) {
         match self {
             Self::Json => ("json", "jsonschema"),
@@ -92,13 +92,13 @@ impl Described {
 pub struct Row {
     /// Index into [`Rows::topics`].
     pub topic: usize,
-    /// Since 1970.
+    /// The time since 1970.
     pub at: Duration,
-    /// In the form of its topic.
+    /// The data, in the form of its topic.
     pub data: Vec<u8>,
 }
 
-/// A report as other tools see it.
+/// A report in the form for other tools.
 #[derive(Debug, Serialize)]
 struct Event {
     since_go: f64,
@@ -113,34 +113,34 @@ struct Event {
 /// The metadata of a channel about one signal.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Unit {
-    /// Its place in the sample, which an object of JSON does not keep.
+    /// The position of the signal in the sample. A JSON object does not keep the order.
     pub(super) place: usize,
     pub(super) unit: String,
     pub(super) headline: bool,
-    /// The name of the signal; that of the field has letters, digits and `_` alone.
+    /// The name of the signal. The name of its field contains only letters, digits and `_`.
     pub(super) name: String,
 }
 
-/// Makes rows, and remembers the topics that were needed.
+/// Makes rows, and remembers the topics that they use.
 #[derive(Debug, Default)]
 pub struct Rows {
     topics: Vec<Topic>,
-    /// The topics of a program: more than one if it changes its signals.
+    /// The topics of each program. A program has several if it changes its signals.
     of: BTreeMap<String, Vec<usize>>,
-    /// The schemas of the types of ROS 2 so far. A type outside the standard library has none.
+    /// The schemas of the ROS 2 types that were used so far. A type outside the standard library has no schema.
     ros: BTreeMap<String, Option<Arc<Schema>>>,
-    /// When GO was, since 1970, once it was.
+    /// When GO was given, since 1970; nothing before GO.
     go: Option<Duration>,
     now: Duration,
 }
 
 impl Rows {
-    /// Returns every topic so far; a topic never changes.
+    /// Returns all topics that were used so far. A topic never changes.
     pub fn topics(&self) -> &[Topic] {
         &self.topics
     }
 
-    /// Returns the message for an entry that came at `arrived`, since 1970; its topic may be a new one.
+    /// Returns the message for an entry that arrived at `arrived`, since 1970. Its topic may be a new one.
     pub fn row(&mut self, entry: &Entry, arrived: Duration) -> Row {
         match entry {
             Entry::Report(report) => self.report(report, arrived),
@@ -176,7 +176,8 @@ impl Rows {
         }
     }
 
-    /// Returns the topic that the values of an output with this message get, before there are any. `from` is the path of the output.
+    /// Returns the topic for an output with messages of this type, before the output has sent any value. `from` is the
+    /// path of the output.
     pub(crate) fn declare(&mut self, from: &str, message: Option<&Message>) -> usize {
         let ends = Ends { from, to: "" };
         match message {
@@ -188,12 +189,12 @@ impl Rows {
         }
     }
 
-    /// Returns whether there is a topic for this sample of a program's signals.
+    /// Returns whether a topic for this sample of the program exists.
     pub(crate) fn knows(&self, path: &str, sample: &Signals) -> bool {
         self.topic_of(path, sample).is_some()
     }
 
-    /// Returns the topic of messages of ROS 2; none for another message.
+    /// Returns the topic for messages of ROS 2; nothing for other messages.
     fn ros_topic(&mut self, ends: Ends<'_>, message: &Message) -> Option<usize> {
         let Layout::Piece { of } = &message.layout else { return None };
         let schema = self.ros_schema(of)?;
@@ -208,7 +209,7 @@ impl Rows {
         self.ros.get(of)?.clone()
     }
 
-    /// Returns the row for a message of ROS 2; none for another message, and for damaged bytes.
+    /// Returns the row for a message of ROS 2; nothing for other messages, or if the bytes are damaged.
     fn ros_row(&mut self, ends: Ends<'_>, at: Duration, message: &Message, bytes: &[u8]) -> Option<Row> {
         let (of, data) = message::cdr(message, bytes)?;
         let schema = self.ros_schema(of)?;
@@ -217,7 +218,7 @@ impl Rows {
         Some(Row { topic, at, data: data.to_vec() })
     }
 
-    /// Returns when something was that came at `at` since GO.
+    /// Converts a time since GO to a time since 1970.
     fn since_1970(&mut self, at: Duration, arrived: Duration) -> Duration {
         self.now = self.now.max(at);
         self.go.map_or(arrived, |go| go + at)
@@ -272,11 +273,11 @@ impl Rows {
         Row { topic, at, data: json(&event) }
     }
 
-    /// Returns the topic that has all fields of a sample.
+    /// Returns the topic that has all signals of a sample.
     fn topic_of(&self, path: &str, sample: &Signals) -> Option<usize> {
         let fits = |index: &&usize| {
             let known = fields_of(&self.topics[**index]);
-            // A peak between two samples has one value.
+            // A sample of a peak has only one signal.
             sample.values.iter().all(|signal| known.contains_key(&signal.name))
         };
         self.of.get(path).and_then(|topics| topics.iter().rev().find(fits)).copied()
@@ -309,7 +310,7 @@ impl Rows {
         index
     }
 
-    /// Returns the topic of a wire for messages of a type. `schema` describes the messages of a new topic.
+    /// Returns the topic of a wire for messages of a type. If the topic is new, `schema` describes its messages.
     fn port(&mut self, ends: Ends<'_>, of: &str, schema: impl FnOnce(&[Topic]) -> Described) -> usize {
         let Ends { from, to } = ends;
         let wire = format!("{from} -> {to}: {of}");
@@ -325,7 +326,7 @@ impl Rows {
         self.topics.len() - 1
     }
 
-    /// Returns the topic of which there is one.
+    /// Returns the topic of this name, of which there is only one.
     fn single(&mut self, name: &str, schema_name: &str, schema: impl Fn() -> Value) -> usize {
         self.topics.iter().position(|topic| topic.name == name).unwrap_or_else(|| {
             let (name, schema_name) = (name.to_owned(), schema_name.to_owned());
@@ -336,7 +337,7 @@ impl Rows {
     }
 }
 
-/// Returns the schema of a message: two different messages of the same name get different schema names.
+/// Returns the schema of a message. If two different messages have the same name, their schemas get different names.
 fn schema_of(topics: &[Topic], message: &Message) -> Described {
     let name = format!("dca.types.{}", schema::plain_name(&message.name));
     let schema_as = |name: &str| json(&message::schema(name, message));
@@ -347,7 +348,7 @@ fn schema_of(topics: &[Topic], message: &Message) -> Described {
     Described { form: Form::Json, name, text }
 }
 
-/// Returns the field of each signal of a topic, by the signal's name.
+/// Returns the fields of a topic, by the names of their signals.
 fn fields_of(topic: &Topic) -> BTreeMap<String, &str> {
     let units = topic.metadata.iter().filter_map(|(field, unit)| {
         let unit: Unit = serde_json::from_str(unit).ok()?;
@@ -356,7 +357,7 @@ fn fields_of(topic: &Topic) -> BTreeMap<String, &str> {
     units.collect()
 }
 
-/// Returns a sample as an object of numbers. Numbers that JSON does not have are left out.
+/// Returns a sample as an object of numbers. Numbers that JSON cannot hold are left out.
 fn fields(topic: &Topic, sample: &Signals) -> Map<String, Value> {
     let of = fields_of(topic);
     let finite = sample.values.iter().filter(|signal| signal.value.is_finite());

@@ -1,11 +1,11 @@
-//! The names and schemas of a record, in the form that viewers need.
+//! The names and schemas of a record, in the form that viewers require.
 
 use serde_json::{Map, Value, json};
 
-/// Field of a sample with the time when it was taken, in seconds on the clock of the program's host.
+/// The field with the time of a sample, in seconds on the clock of the program's host.
 pub(super) const STAMP: &str = "stamp";
 
-/// Returns a name of letters, digits and `_`, which a viewer's expressions can use without quotes.
+/// Returns a name of letters, digits and `_`. Expressions of viewers can use such a name without quotes.
 pub(crate) fn plain_name(text: &str) -> String {
     let mut name = String::with_capacity(text.len());
     for c in text.chars() {
@@ -24,7 +24,7 @@ pub(crate) fn plain_path(path: &str) -> String {
     path.split('/').map(plain_name).collect::<Vec<_>>().join("/")
 }
 
-/// Returns `name`, or `name_2`, `name_3` … if that is taken.
+/// Returns `name`; if it is taken, returns `name_2`, `name_3` and so on.
 pub(crate) fn free_name(name: String, is_taken: impl Fn(&str) -> bool) -> String {
     let numbered = (2_u32..).map(|number| format!("{name}_{number}"));
     let free = std::iter::once(name.clone()).chain(numbered).find(|name| !is_taken(name));
@@ -47,7 +47,7 @@ pub(crate) fn event() -> Value {
     )
 }
 
-/// Returns the schema of programs' output: `foxglove.Log`, which viewers have a panel for.
+/// Returns the schema for the output of programs: `foxglove.Log`, for which viewers have a panel.
 pub(crate) fn log() -> Value {
     let time = object("time", [("sec", "integer", "seconds since 1970"), ("nsec", "integer", "and nanoseconds")]);
     let mut schema = object(
@@ -64,8 +64,8 @@ pub(crate) fn log() -> Value {
     schema
 }
 
-/// Returns the schema of values on a wire that only the programs at its ends can read: no interface describes them, or
-/// they do not match it.
+/// Returns the schema for values that only the programs at both ends of the wire can read. No interface describes the
+/// values, or they do not match the interface.
 pub(super) fn port() -> Value {
     let size = ("size", "integer", "how many bytes it is");
     let mut schema = object("dca.Encoded", [size, ("bytes", "string", "the value, encoded with postcard")]);
@@ -73,7 +73,7 @@ pub(super) fn port() -> Value {
     schema
 }
 
-/// Returns the schema of a program's samples: its signals (field, unit) are numbers. Other values are left out.
+/// Returns the schema for the samples of a program. Each signal (field, unit) is a number. Other values are left out.
 pub(super) fn signals<'a>(title: &str, fields: impl Iterator<Item = (&'a str, &'a str)>) -> Value {
     let stamp = (STAMP, "number", "when the sample was taken, in seconds on the clock of the program's host");
     object(title, std::iter::once(stamp).chain(fields.map(|(name, unit)| (name, "number", unit))))

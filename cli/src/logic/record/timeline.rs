@@ -1,4 +1,4 @@
-//! The messages of a record in the order of their times, with their topics, as a viewer plays them.
+//! The messages of a record in the order of their times, with their topics. A viewer plays them in this order.
 
 use crate::logic::record::ReadError;
 use crate::logic::record::parts::{self, Next, Part};
@@ -32,7 +32,7 @@ pub(crate) struct Timeline {
     pub(crate) topics: Vec<RecordedTopic>,
     /// In the order of their times.
     pub(crate) messages: Vec<RecordedMessage>,
-    /// Whether some part of the file is damaged or missing.
+    /// Whether a part of the file is damaged or missing.
     pub(crate) is_damaged: bool,
 }
 
@@ -40,7 +40,7 @@ impl Timeline {
     /// Reads the messages of a record. Damaged parts are left out.
     ///
     /// # Errors
-    /// The bytes are not a record, or no message in them is whole.
+    /// The bytes are not a record, or they contain no intact message.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
         if !bytes.starts_with(mcap::MAGIC) {
             return Err(ReadError::Foreign("it does not begin as one".to_owned()));
@@ -99,7 +99,7 @@ impl Reading {
                     schema_encoding: text(|one| &one.encoding),
                     schema: text(|one| &one.text),
                 };
-                // Each chunk may announce a topic again.
+                // Each chunk may announce the same topic again.
                 let known = self.timeline.topics.iter().position(|one| *one == topic);
                 let index = known.unwrap_or(self.timeline.topics.len());
                 if known.is_none() {
@@ -112,7 +112,7 @@ impl Reading {
                     let (at, topic, data) = (Duration::from_nanos(header.log_time), *topic, data.into_owned());
                     self.timeline.messages.push(RecordedMessage { at, topic, data });
                 }
-                // The part with its topic is damaged.
+                // The part of the file with the topic is damaged.
                 None => self.timeline.is_damaged = true,
             },
             Ok(_) => {}
@@ -156,7 +156,7 @@ mod tests {
         assert!(!timeline.is_damaged && timeline.topics.iter().all(|topic| topic.schema_name == "S"));
     }
 
-    /// The rest of a cut or changed record is read or refused, without a panic.
+    /// A cut or changed record is read as far as possible, or refused. It never causes a panic.
     #[test]
     fn damaged_records_are_read_as_far_as_they_go() {
         let whole = record();

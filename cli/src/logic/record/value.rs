@@ -1,15 +1,15 @@
-//! The recorded values of wires, as a replay reads them.
+//! The recorded values of wires, in the form that a replay reads.
 
 use std::time::Duration;
 
-/// A value of a wire, as the record has it.
+/// A value of a wire, in the form of the record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordedValue {
     /// Path of the producer and its output: `main/force/Out`.
     pub from: String,
     /// Path of the consumer and its input.
     pub to: String,
-    /// When it came, since GO.
+    /// When the value came, since GO.
     pub at: Duration,
     /// The form of the data.
     pub form: ValueForm,

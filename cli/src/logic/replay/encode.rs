@@ -1,20 +1,20 @@
-//! The bytes of a recorded value, as its process sent them.
+//! Encodes a recorded value again to the bytes that its process sent.
 
 use crate::logic::record::{RecordedValue, ValueForm, field_names};
 use comms::logic::layout::{Field, Layout, Message, Part, Writer, write};
 use serde_json::Value;
 
-/// The field of a message that is not a record.
+/// The field name of a message that is not a record.
 const VALUE: &str = "value";
 
-/// The fields that have the time of measurement.
+/// The names of fields that contain the time of measurement.
 const STAMPS: [&str; 2] = ["stamp", "measured"];
-/// The bytes of a number.
+/// The size of a number, in bytes.
 const NUMBER: usize = 8;
 /// The type of the time of measurement.
 const TIME: &str = "Time";
 
-/// The bytes of a value, and the place of the time of measurement in them.
+/// The bytes of a value, and the position of the time of measurement in them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Encoded {
     pub(crate) bytes: Vec<u8>,
@@ -28,7 +28,7 @@ impl Encoded {
     }
 }
 
-/// Returns the bytes of a value; none if the record does not have all of it, or if its type is unknown or another one.
+/// Encodes a value. Returns nothing if the record does not contain the whole value, or if its type is unknown or does not fit.
 pub(crate) fn encode(value: &RecordedValue, message: Option<&Message>) -> Option<Encoded> {
     let (mut bytes, mut stamp) = (Vec::new(), None);
     match value.form {
@@ -60,16 +60,16 @@ fn write_field(field: &Field, object: &Value, bytes: &mut Vec<u8>) -> Result<(),
     write(&field.layout, &Json(object).field(field)?, &mut Writer::new(bytes))
 }
 
-/// Returns the place of the time of measurement, if a field has it: a number, or a list of one.
+/// Returns the position of the time of measurement, if the field contains it: as a number, or as a list of one number.
 fn place_of_stamp(field: &Field, begin: usize, end: usize) -> Option<usize> {
     let is_time = |layout: &Layout| matches!(layout, Layout::Number { of } if of == TIME);
     let one = if let Layout::List { of, count: None } = &field.layout { of } else { &field.layout };
     let has_one = is_time(one) && STAMPS.contains(&field.name.as_str());
-    // Of an optional time the number is behind the mark that there is one.
+    // If the time is optional, a byte that says that it is present comes before the number.
     end.checked_sub(NUMBER).filter(|place| has_one && *place >= begin && end - begin <= NUMBER + 1)
 }
 
-/// Returns the layout with the names that fields have in a record.
+/// Returns the layout with the field names of a record.
 fn renamed(layout: &Layout) -> Layout {
     match layout {
         Layout::Record(fields) => {
@@ -81,10 +81,10 @@ fn renamed(layout: &Layout) -> Layout {
     }
 }
 
-/// A value of a record, or a part of one.
+/// A value of a record, or a part of such a value.
 struct Json<'a>(&'a Value);
 
-/// A part is missing, or of another kind.
+/// A part is missing, or it is of another kind.
 struct NoSuchPart;
 
 impl Part for Json<'_> {
@@ -110,14 +110,14 @@ impl Part for Json<'_> {
     }
 }
 
-/// Returns the bytes of a value whose type was not known when it was recorded.
+/// Returns the bytes of a value whose type was unknown when it was recorded.
 fn raw(object: &Value) -> Option<Vec<u8>> {
     let size = object.get("size")?.as_u64().and_then(|size| usize::try_from(size).ok())?;
     let text = object.get("bytes")?.as_str().filter(|_| object.as_object().is_some_and(|all| all.len() == 2))?;
     from_base64(text).filter(|bytes| bytes.len() == size)
 }
 
-/// Returns the bytes of a text. Source: RFC 4648, section 4.
+/// Decodes base64 text. Source: RFC 4648, section 4.
 fn from_base64(text: &str) -> Option<Vec<u8>> {
     let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
     for four in text.as_bytes().chunks(4) {
@@ -154,7 +154,7 @@ mod tests {
         Layout::Number { of: "Force".to_owned() }
     }
 
-    /// Records a value as a recorder does, and returns what is read back.
+    /// Records a value as a recorder does, reads it back, and encodes it again.
     fn again(message: Option<&Message>, bytes: &[u8]) -> Option<Vec<u8>> {
         let (from, to) = ("main/a/Out".to_owned(), "main/b/In".to_owned());
         let entry = Entry::Port {

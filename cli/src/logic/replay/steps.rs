@@ -1,4 +1,4 @@
-//! The steps of a stand-in: the activations of its process in the record, and the values that were sent in each.
+//! The steps of a stand-in: the activations of its process in the record, and the values that were sent in each of them.
 
 use super::StandIn;
 use super::encode::{Encoded, encode};
@@ -10,19 +10,19 @@ use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The most activations whose values are counted one by one for a person.
+/// The most activations for which a person is told the number of values of each.
 const ACTIVATIONS_MAX: usize = 8;
 
 /// The recorded values of the outputs of a process.
 #[derive(Debug)]
 pub(crate) struct Recorded {
-    /// The steps, as the file of a stand-in has them.
+    /// The steps, in the form of a stand-in's file.
     pub(crate) steps: Vec<u8>,
-    /// How many values of each output are played, and how many cannot be.
+    /// How many values of each output can be played, and how many cannot.
     pub(crate) counts: BTreeMap<String, Counts>,
     /// How many activations there are.
     activations: usize,
-    /// How many values of each output each activation plays.
+    /// How many values of each output are played in each activation.
     by_activation: BTreeMap<String, BTreeMap<usize, u64>>,
 }
 
@@ -31,7 +31,7 @@ pub(crate) struct Recorded {
 pub(crate) struct Counts {
     /// Values that are played.
     pub(crate) played: u64,
-    /// Values that the record does not have completely, or that are of another type than the spec says.
+    /// Values that are not complete in the record, or whose type differs from the type in the spec.
     pub(crate) lost: u64,
 }
 
@@ -42,7 +42,7 @@ struct Activation {
     ended: Option<Step>,
 }
 
-/// Returns the steps of the process with this path. `message` knows the type of each output.
+/// Returns the steps of the process with this path. `message` returns the type of an output.
 ///
 /// # Errors
 /// A sentence for a person: there are too many values.
@@ -63,7 +63,7 @@ pub(crate) fn steps<'a>(
             current = activations.next();
         }
         if recorded.steps.is_empty() {
-            // The record lacks its beginning.
+            // The beginning of the activation is missing in the record.
             recorded.begin()?;
         }
         let began = current.as_ref().map_or(Duration::ZERO, |activation| activation.began);
@@ -89,8 +89,8 @@ pub(crate) fn steps<'a>(
 }
 
 impl Recorded {
-    /// Returns how many values of an output are played, in words. Which of several activations are played depends on how often the
-    /// mission activates the process.
+    /// Returns in words how many values of an output are played. If there are several activations, the mission decides
+    /// how many of them are played: it activates the process as often as it needs.
     pub(crate) fn plays(&self, output: &str) -> String {
         let played = self.counts.get(output).map_or(0, |counts| counts.played);
         let all = counted(played, "value");
@@ -128,18 +128,18 @@ impl Recorded {
 /// A recorded value of a process.
 #[derive(Debug)]
 struct Sent<'a> {
-    /// The place and the name of its output.
+    /// The position and the name of the output.
     port: u32,
     output: &'a str,
-    /// Since GO.
+    /// The time since GO.
     at: Duration,
-    /// None if it cannot be played.
+    /// Nothing if the value cannot be played.
     encoded: Option<Encoded>,
-    /// The time of GO on the clock of the times of measurement, in seconds.
+    /// The time of GO on the clock that measured the values, in seconds.
     origin: Option<f64>,
 }
 
-/// Returns the time of measurement in a value, since the beginning of the activation.
+/// Returns the time of measurement in a value, relative to the beginning of the activation.
 #[expect(clippy::cast_possible_truncation, reason = "a conversion to whole numbers has limits of its own")]
 fn stamp(encoded: &Encoded, origin: Option<f64>, began: Duration) -> Option<Stamp> {
     let place = u32::try_from(encoded.stamp?).ok()?;
@@ -147,8 +147,9 @@ fn stamp(encoded: &Encoded, origin: Option<f64>, began: Duration) -> Option<Stam
     Some(Stamp { place, nanos: (since * 1e9).round() as i64 })
 }
 
-/// Returns the values of a process in the order of time. An output that goes over several wires was recorded on each of them: the wire with
-/// the most values counts. The value with the shortest way to the recorder says when GO was on the clock of its host.
+/// Returns the values of a process in the order of time. If an output has several wires, each of them was recorded: the
+/// wire with the most values counts. The value that reached the recorder fastest shows when GO was on the clock of its
+/// host.
 fn sent<'a, 'm>(
     run: &Run,
     path: &str,
@@ -184,7 +185,7 @@ fn activations(entries: &[Entry], path: &str) -> Vec<Activation> {
         if of != path {
             continue;
         }
-        // A program that was started again goes on with its activation.
+        // If a program was restarted, its activation continues.
         if *change == Change::Activated && open.is_none() {
             open = Some(Activation { began: *at, ended: None });
         }
@@ -253,7 +254,7 @@ mod tests {
             process(90, Change::Ended(Ending::Stopped)),
             process(95, Change::Activated),
         ];
-        // The other wire was open for a shorter time.
+        // The other wire was open for a shorter time, so it has fewer values.
         let values = vec![value(9, "b"), value(21, "b"), value(22, "c"), value(51, "b"), value(98, "b")];
         let step = |at, byte| Step::Value { at: ms(at), port: 0, bytes: vec![byte], stamp: None };
         let expected = [
@@ -298,7 +299,7 @@ mod tests {
         };
         let header = Header { file: "a.dca".to_owned(), text: String::new(), plan: door(), started: None };
         let entries = vec![process(10, Change::Activated)];
-        // GO was at 7000 s; the second value took no time to the recorder.
+        // GO was at 7000 s. The second value reached the recorder without delay.
         let values = vec![value(20, 7000.018), value(30, 7000.030), value(40, 7000.009)];
         let run = Run { header, go: None, entries, values, damage: None };
         let stand_in = StandIn { leaf: 0, outputs: vec!["Out".to_owned()], recorded: 1 };

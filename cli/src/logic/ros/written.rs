@@ -1,4 +1,4 @@
-//! Messages of ROS 2 from the words of a command line: `data=true names='["gain"]'`, or one object of JSON.
+//! Makes messages of ROS 2 from the words of a command line: `data=true names='["gain"]'`, or from one JSON object.
 
 use super::schema;
 use ros::logic::cdr::{self, Value};
@@ -6,7 +6,7 @@ use ros::logic::definition::{Count, Element, Field, Primitive};
 use ros::logic::schema::{Schema, Struct};
 use serde_json::{Map, Value as Json};
 
-/// Returns the message of this type that the words mean. A field that they leave out has its default.
+/// Returns the message of this type that the words describe. A field that is not given has its default.
 ///
 /// # Errors
 /// One sentence about the mistake.
@@ -28,7 +28,7 @@ fn object(words: &[String]) -> Result<Map<String, Json>, String> {
     }
     let field = |word: &String| {
         let (name, text) = word.split_once('=').ok_or_else(|| format!("`{word}` is not `FIELD=VALUE`"))?;
-        // Other words than JSON are a text.
+        // A word that is not JSON is taken as a text.
         let value = serde_json::from_str(text).unwrap_or_else(|_text| Json::String(text.to_owned()));
         Ok((name.to_owned(), value))
     };
@@ -75,7 +75,7 @@ fn element(schema: &Schema, of: &Element<usize>, value: &Json) -> Option<Result<
     }))
 }
 
-/// Returns the value of a field that is left out.
+/// Returns the value of a field that is not given.
 fn initial(schema: &Schema, of: &Field<usize>) -> Result<Value, String> {
     let zero = match &of.element {
         Element::Message(_) => Json::Object(Map::new()),
@@ -94,7 +94,7 @@ fn initial(schema: &Schema, of: &Field<usize>) -> Result<Value, String> {
     }
 }
 
-/// Returns the number that a definition has as a default.
+/// Reads the number that a definition gives as a default.
 fn number(text: &str) -> Option<Json> {
     serde_json::from_str(text).ok().filter(Json::is_number)
 }

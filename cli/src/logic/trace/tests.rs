@@ -43,7 +43,7 @@ fn named<'a>(spans: &'a [Value], name: &str) -> &'a Value {
     spans.iter().find(|span| span["name"] == name).unwrap_or_else(|| panic!("no span `{name}`: {spans:?}"))
 }
 
-/// The program `wheels` crashes, so its group and the mission abort. Both failures are linked with the crash.
+/// The program `wheels` crashes, so its group and the mission abort. Both failures are linked to the crash.
 #[test]
 fn a_failure_is_linked_with_its_origin() {
     let failure = || Failure {
@@ -94,7 +94,7 @@ fn a_failure_is_linked_with_its_origin() {
     );
 }
 
-/// A process that runs many times has a span each time. A process without an end in the record is unfinished.
+/// A process that runs several times has a span for each activation. If the record has no end of it, the span is unfinished.
 #[test]
 fn each_activation_is_a_span_and_a_cut_record_has_unfinished_ones() {
     let rounds = 2_500;

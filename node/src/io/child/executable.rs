@@ -1,4 +1,4 @@
-//! The program of a command, and why the kernel would refuse it: found before anything of a deployment runs.
+//! Finds the program of a command, and the reason why the kernel would refuse it, before any program of a deployment runs.
 
 use crate::logic::executable::{BEGIN_SIZE, Elf, Format, Piece, Script, format};
 use comms::io::file;
@@ -14,22 +14,22 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The longest chain of interpreters: a script whose interpreter is a script, and so on. Source: execve(2), ELOOP.
+/// The most interpreters in a chain: a script whose interpreter is a script, and so on. Source: execve(2), ELOOP.
 const INTERPRETERS_MAX: usize = 4;
-/// The longest table of program headers and the longest path of a loader that is looked at, in bytes.
+/// The longest table of program headers and the longest path of a loader that are read, in bytes.
 const PIECE_MAX: u64 = 64 << 10;
-/// The name of the program that finds an interpreter by its name.
+/// The program that finds an interpreter by its name.
 const ENV: &str = "env";
 
-/// Returns the file that a command executes, so that a spec is refused before anything runs.
+/// Returns the file that a command executes, so that a spec can be refused before anything runs.
 ///
 /// # Errors
-/// It is not there, must not be executed by this user, or cannot be executed by this kernel.
+/// The file does not exist, this user may not execute it, or this kernel cannot execute it.
 pub fn check_executable(command: &[String], environment: &Environment) -> io::Result<PathBuf> {
     let name = command.first().map_or("", String::as_str);
     let path = environment.variables.get("PATH").map(OsString::from).or_else(|| std::env::var_os("PATH"));
     let path = path.unwrap_or_default();
-    // A relative path starts at the folder of the program.
+    // A relative path is relative to the folder of the program.
     let directory = Path::new(environment.directory.as_deref().unwrap_or_default());
     let found = if name.contains('/') { vec![directory.join(name)] } else { on_path(name, &path) };
     let Some(file) = found.first().filter(|file| file.is_file()) else {
@@ -46,7 +46,7 @@ pub fn check_executable(command: &[String], environment: &Environment) -> io::Re
     Ok(file.clone())
 }
 
-/// Returns the files with a name in the folders where programs are looked for.
+/// Returns the files with a name in the folders of the search path.
 fn on_path(name: &str, path: &OsStr) -> Vec<PathBuf> {
     std::env::split_paths(path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
 }
@@ -63,10 +63,10 @@ fn check_permission(file: &Path) -> Result<(), String> {
     })
 }
 
-/// Returns the reason why the kernel cannot execute a file, as far as its content shows. Programs are looked for on
-/// `search`.
+/// If the content of a file shows why the kernel cannot execute it, returns an error with this reason. `search` is the
+/// search path for programs.
 fn check_format(path: &Path, search: &OsStr, interpreters: usize) -> Result<(), String> {
-    // The kernel can execute files that this user must not read.
+    // If this user may not read the file, the kernel may still execute it.
     let Ok(file) = file::opened(path) else { return Ok(()) };
     let mut begin = Vec::new();
     if (&file).take(BEGIN_SIZE as u64).read_to_end(&mut begin).is_err() {
@@ -140,21 +140,21 @@ fn check_program(file: &File, elf: Elf, begin: &[u8]) -> Result<(), String> {
     }
 }
 
-/// Returns the header of this program itself, which is for this machine.
+/// Returns the header of the running executable, which is for this machine.
 fn this() -> Option<Elf> {
     let begin =
         piece(&file::opened(Path::new("/proc/self/exe")).ok()?, Piece { offset: 0, length: BEGIN_SIZE as u64 })?;
     if let Format::Elf(elf) = format(&begin) { Some(elf) } else { None }
 }
 
-/// Reads a piece of a file; nothing if the piece is not there, or is longer than any piece of its kind.
+/// Reads a piece of a file. Returns nothing if the file has no such piece, or if the piece is too long.
 fn piece(file: &File, Piece { offset, length }: Piece) -> Option<Vec<u8>> {
     let mut bytes = vec![0; usize::try_from(length).ok().filter(|_| length <= PIECE_MAX)?];
     file.read_exact_at(&mut bytes, offset).ok().map(|()| bytes)
 }
 
-/// Asks the kernel whether something, such as an emulator, takes files that begin so: the kernel executes a file of this beginning
-/// alone. Any other failure leaves the question open, and the file itself is tried later.
+/// Asks the kernel whether it can execute files with this beginning, for example with an emulator. The kernel is given a
+/// file with only this beginning. If it fails with another error than `ENOEXEC`, the file itself is tried later.
 fn is_taken(begin: &[u8]) -> bool {
     let tried = || -> io::Result<()> {
         let mut file = File::from(memfd_create("dca-trial", MemfdFlags::CLOEXEC)?);
@@ -173,7 +173,7 @@ mod tests {
     use std::fs::{self, Permissions};
     use std::os::unix::fs::PermissionsExt;
 
-    /// Each problem is found before anything runs, with its cause.
+    /// Each problem is found before any program runs, and is reported with its cause.
     #[test]
     fn what_the_kernel_cannot_execute_is_refused_with_the_cause() {
         let folder = std::env::temp_dir().join(format!("dca-executable-{}", std::process::id()));
@@ -206,7 +206,7 @@ mod tests {
         );
         assert!(check(b"#!\n").starts_with("names no interpreter"));
         let mut foreign = own.clone();
-        // SPARC, which nothing here executes.
+        // The processor is SPARC, for which nothing on this machine executes programs.
         (foreign[18], foreign[19]) = (43, 0);
         assert!(check(&foreign).starts_with("is a program for processor number 43, and this machine has "));
         let mut object = own.clone();
@@ -223,7 +223,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// The module of a program may set its folder, and the search path for programs.
+    /// The module of a program can set the folder of the program and its search path.
     #[test]
     fn a_program_is_looked_for_where_it_will_run() {
         let folder = std::env::temp_dir().join(format!("dca-executable-where-{}", std::process::id()));

@@ -1,13 +1,12 @@
 //! Ends the leftovers of an earlier run: programs whose shims were killed.
 //!
-//! A leftover is found by marks that it cannot remove, or usually does not: its control group (which a process cannot
-//! leave by itself), the record of its shim (process ids, start times, the session), its parents, and the marks in its
-//! environment. After its node has died, only the control group finds a daemon with an empty environment and its own
-//! session.
+//! A leftover is found by several marks. Its control group: a process cannot leave it by itself. The record of its
+//! shim: process ids, start times, the session. Its parents. The marks in its environment. After its node has died, a
+//! daemon with an empty environment and its own session is found only by its control group.
 //!
 //! A program can write to its folder, so its record may name any process. A named process is ended only if it runs as
-//! the user of this node, or as that of the program: so a program that is root in a sandbox cannot make its node signal
-//! a process that it must not signal itself.
+//! the user of this node or as the user of the program. So a program that is root in a sandbox cannot make its node
+//! signal a process that the program itself must not signal.
 
 use crate::io::{cgroup, run_dir};
 use comms::io::clock::{Wakeup, now};
@@ -23,35 +22,34 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Rounds of stopping before the killing begins; a program that forks faster than it can be stopped is killed piece by
-/// piece.
+/// The most rounds of stopping before processes are killed. A program may fork faster than it can be stopped; it is
+/// then killed step by step.
 const STOP_ROUNDS_MAX: usize = 20;
-/// How long the kernel has to remove killed processes.
+/// How long the kernel may take to remove killed processes.
 const KILL_WITHIN: Duration = Duration::from_secs(5);
-/// How much longer than the grace of its program a shim may take.
+/// How much longer than the grace period of its program a shim may take.
 const SHIM_MARGIN: Duration = Duration::from_secs(1);
-/// The pause before unkillable processes are killed again: the kernel has not removed them.
+/// The pause before processes are killed again that the kernel has not removed.
 pub const END_AGAIN: Duration = Duration::from_secs(1);
 /// The longest record of a program, in bytes.
 const RECORD_MAX: usize = 1 << 20;
-/// How often the processes are looked at.
+/// The period between two looks at all processes.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
-/// The name of a shim, as the kernel has it.
+/// The name of a shim in the kernel's list of processes.
 const SHIM: &str = "dca-shim";
-/// The names of processes with a node, as the kernel has them.
+/// The names of processes that contain a node, in the kernel's list of processes.
 const NODES: [&str; 2] = ["dca-node", "dca"];
 
-/// Where leftovers are looked for.
+/// Describes which processes are leftovers.
 #[derive(Debug)]
 struct Search {
-    /// Everything in and below them belongs to this node: `DCA_DIR` of a leftover names one of them, or a folder below
-    /// it.
+    /// Folders of this node. A leftover has one of them, or a folder inside one, as its `DCA_DIR`.
     folders: BTreeSet<PathBuf>,
     records: Vec<Recorded>,
     /// The control group of the earlier run, if it had one.
     group: Option<PathBuf>,
-    /// Whether processes without a shim count: the leftovers of a killed shim become children of the node that started
-    /// it, and stay in the control group of a node that has adopted it.
+    /// Whether processes without a shim count as well. If a shim is killed, its leftovers become children of the node
+    /// that started it. If another node has adopted the shim, they stay in the control group of that node.
     adopts: bool,
 }
 
@@ -62,8 +60,8 @@ struct Recorded {
     users: [u32; 2],
 }
 
-/// Kills the leftovers of the program in `dir` whose shim was killed, in one of several rounds; returns whether nothing
-/// is left. Blocks, for 5 s at most in the first round, `0`. The next one is due [`END_AGAIN`] later.
+/// Kills the leftovers of the program in `dir`, whose shim was killed. This is one of several rounds; returns whether
+/// nothing is left. Blocks, for 5 s at most in the first round, `0`. The next round is due [`END_AGAIN`] later.
 pub fn end_round(dir: &Path, round: u32) -> bool {
     let left = Search::instance(dir).kill(if round == 0 { KILL_WITHIN } else { Duration::ZERO });
     if round == 0 {
@@ -79,21 +77,21 @@ pub fn tell_left(left: &[i32], whose: &Path) {
     }
 }
 
-/// Returns the process id of a node that lives and has started programs of `folder`, but whose lock was removed
-/// together with the folder. A node that is being killed has neither a lock nor any other open file.
+/// Returns the process id of a living node that has started programs of `folder`, although its lock was removed
+/// together with the folder. A node that is being killed has no open file any more, not even its lock.
 pub fn living_node(folder: &Path) -> Option<i32> {
     let this = getpid().as_raw_nonzero().get();
     let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
     let is_node = |pid: i32| comm(pid).is_some_and(|name| NODES.contains(&name.as_str()));
     let ours = all.iter().filter(|stat| comm(stat.process.pid).as_deref() == Some(SHIM));
     let ours = ours.filter(|shim| directory(shim.process.pid).is_some_and(|dir| dir.starts_with(folder)));
-    // A shim whose node is gone has another parent.
+    // If the node of a shim is gone, the shim has another parent.
     ours.map(|shim| shim.parent)
         .find(|parent| *parent != this && is_node(*parent) && processes::has_open_files(*parent))
 }
 
-/// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
-/// that it was started with; then everything is killed. Blocks for as long.
+/// Stops the leftovers of earlier runs of the node in `folder`, and returns the processes that could not be ended. Each
+/// program gets the grace period that it was started with. Then everything is killed. Blocks for as long as this takes.
 pub fn end_all(folder: &Path) -> Vec<i32> {
     let boot = processes::kernel_boot();
     let records = instances(folder).filter_map(|dir| read_record(&dir)).filter(|one| one.record.boot == boot).collect();
@@ -109,15 +107,15 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
     left
 }
 
-/// Kills the leftovers of earlier runs of the node in `folder`, except the programs with their folders in `known` whose
-/// shims are alive. The processes are listed once for all folders. A program whose shim has reported its end has
-/// neither a record nor a shim, so nothing is searched for it. Blocks.
+/// Kills the leftovers of earlier runs of the node in `folder`. The programs with their folders in `known` stay if
+/// their shims are alive. The processes are listed once for all folders. If the shim of a program has reported its end,
+/// there is neither a record nor a shim, so nothing is searched for this program. Blocks.
 pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
     let (boot, shims) = (processes::kernel_boot(), Shims::find());
     let (mut kept, mut left, mut records) = (Vec::new(), BTreeSet::new(), Vec::new());
     for dir in instances(folder) {
         let recorded = read_record(&dir).filter(|one| one.record.boot == boot);
-        // An overwritten record names nothing; the shim itself can be recognised by its command line.
+        // If the record was overwritten, it names no shim. The shim is then recognised by its command line.
         let named = recorded.as_ref().and_then(|one| one.record.shim).filter(|shim| processes::is_running(*shim));
         let shim = named.or_else(|| shims.of(&dir).first().copied());
         if let Some(shim) = shim.filter(|_| known.contains(&dir)) {
@@ -146,8 +144,7 @@ fn instances(folder: &Path) -> impl Iterator<Item = PathBuf> {
     deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>())
 }
 
-/// Kills the processes in a control group that do not descend from these shims, which inherit all orphans of their
-/// programs.
+/// Kills the processes in a control group that do not descend from these shims. Shims inherit all orphans of their programs.
 fn end_strays(group: &Path, shims: &[i32]) {
     let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());
     loop {
@@ -166,8 +163,9 @@ fn end_strays(group: &Path, shims: &[i32]) {
     }
 }
 
-/// Returns the processes in a control group that are not among `roots` of its members and do not descend from one. The
-/// group is read twice: while processes are listed, one may change its parent, and have none for a moment.
+/// Returns the processes in a control group that neither are among `roots` nor descend from them. `roots` chooses from
+/// the members of the group. The group is read twice: while processes are listed, a process may change its parent and
+/// seem to have none.
 fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<Process> {
     let look = || {
         let members: BTreeSet<i32> = cgroup::members(group).into_iter().collect();
@@ -183,9 +181,9 @@ fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<
     if first.is_empty() { first } else { first.intersection(&look()).copied().collect() }
 }
 
-/// Kills the shim of the program in `dir`, which does not obey orders, and its program: a shim that is traced ends when
-/// its tracer lets it, and the tracer may be the program. The leftovers are then ended like those of any killed shim.
-/// Blocks, for 5 s at most.
+/// Kills the shim of the program in `dir`, which does not obey orders, and then its program. A shim that is traced ends
+/// only when its tracer lets it, and the tracer may be the program. The program is ended like any leftover of a killed
+/// shim. Blocks, for 5 s at most.
 pub fn kill_shim(dir: &Path) {
     for shim in Shims::find().of(dir) {
         tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
@@ -194,9 +192,9 @@ pub fn kill_shim(dir: &Path) {
     end_round(dir, 0);
 }
 
-/// Collects the children that had already ended at the last look, `seen`, and returns the ended ones of this look. A
-/// process whose parent has died becomes a child of the first process of a container, or of the node that started it. A
-/// child of the node itself is waited for at once, and a shim by its task. Blocks.
+/// Collects the children that had already ended at the previous look, `seen`, and returns the children that have ended
+/// since. If the parent of a process dies, the process becomes a child of the first process of a container, or of the
+/// node that started it. The node waits for its own children at once, and a task waits for each shim. Blocks.
 pub fn reap_orphans(seen: &BTreeSet<Process>) -> BTreeSet<Process> {
     let ended: BTreeSet<Process> =
         processes::ended_children().into_iter().filter(|child| !is_shim(child.pid)).collect();
@@ -206,13 +204,13 @@ pub fn reap_orphans(seen: &BTreeSet<Process>) -> BTreeSet<Process> {
     ended.difference(seen).copied().collect()
 }
 
-/// Returns the program in `dir`, as its shim has recorded it.
+/// Returns the program in `dir`, according to the record of its shim.
 pub(super) fn program_of(dir: &Path) -> Option<Process> {
     read_record(dir)?.record.program
 }
 
-/// Presses the shim of the program in `dir`, which has ended without a report: a suspended shim is resumed, and is
-/// killed if it still does not report. Blocks.
+/// Makes the shim of the program in `dir` report: its program has ended without a report. A suspended shim is resumed.
+/// If it still does not report, it is killed. Blocks.
 pub fn press_shim(dir: &Path, is_urgent: bool) {
     for shim in Shims::find().of(dir) {
         if !processes::stat(shim.pid).is_some_and(|stat| stat.process == *shim && stat.is_stopped) {
@@ -228,7 +226,7 @@ pub fn press_shim(dir: &Path, is_urgent: bool) {
     }
 }
 
-/// Returns whether a shim of an earlier run exists for the program in `dir`, or is about to.
+/// Returns whether a shim of an earlier run exists for the program in `dir`, or is just being started.
 pub fn has_shim(dir: &Path) -> bool {
     !Shims::find().of(dir).is_empty()
 }
@@ -237,7 +235,7 @@ pub fn has_shim(dir: &Path) -> bool {
 struct Shims(BTreeMap<PathBuf, Vec<Process>>);
 
 impl Shims {
-    /// Finds all shims, with one look at every process.
+    /// Finds all shims by looking at every process once.
     fn find() -> Self {
         let mut found: BTreeMap<PathBuf, Vec<Process>> = BTreeMap::new();
         for stat in processes::all().into_iter().filter(|stat| !stat.is_zombie && is_shim(stat.process.pid)) {
@@ -253,7 +251,7 @@ impl Shims {
     }
 }
 
-/// Returns the folder of its program that a shim was started with.
+/// Returns the folder of a shim's program, from the command line of the shim.
 fn directory(pid: i32) -> Option<PathBuf> {
     let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
     let mut words = command.split(|byte| *byte == 0).skip_while(|word| *word != DIRECTORY.as_bytes());
@@ -267,14 +265,14 @@ impl Search {
         Self { folders: [dir.to_owned()].into(), records, group: None, adopts: true }
     }
 
-    /// Asks programs without a shim to stop, and waits for all programs as long as they may take.
+    /// Asks programs without a shim to stop. Waits until all programs have ended or their time is over.
     fn stop(&self) {
         let (began, pause) = (now(), Wakeup::default());
         for one in &self.records {
             let is_alone = !one.record.shim.is_some_and(processes::is_running);
             if let Some(program) = one.record.program.filter(|program| is_alone && one.may_be(program.pid)) {
                 processes::signal(program, Signal::TERM);
-                // A stopped process does not react to the first signal without the second.
+                // A stopped process reacts to the first signal only after the second one.
                 processes::signal(program, Signal::CONT);
             }
         }
@@ -283,8 +281,7 @@ impl Search {
         }
     }
 
-    /// Kills everything that is found until nothing is, at least once; returns the processes that are left after this
-    /// time.
+    /// Kills all processes that are found, until none is found. Looks at least once. Returns the processes that are left after `within`.
     fn kill(&self, within: Duration) -> Vec<i32> {
         let (until, pause) = (now() + within, Wakeup::default());
         loop {
@@ -305,7 +302,7 @@ impl Search {
         }
     }
 
-    /// Stops everything that is found, so that nothing forks while others are killed; returns it.
+    /// Stops all processes that are found, so that none forks while others are killed. Returns these processes.
     fn freeze(&self) -> BTreeSet<Process> {
         let mut stopped = BTreeSet::new();
         for _ in 0..STOP_ROUNDS_MAX {
@@ -339,7 +336,7 @@ impl Search {
         let mut found: BTreeSet<Process> =
             all.iter().filter(|stat| stat.process.pid != this).filter(is_found).map(|stat| stat.process).collect();
         found.extend(processes::descendants(&all, found.iter().map(|process| process.pid).collect::<Vec<_>>()));
-        // A node that was started by such a program would end itself.
+        // If such a program has started this node, the node must not kill itself.
         found.retain(|process| process.pid != this);
         found
     }
@@ -350,7 +347,7 @@ impl Search {
         named.any(|dir| Path::new(OsStr::from_bytes(dir)).ancestors().any(|dir| self.folders.contains(dir)))
     }
 
-    /// Takes note of adopted processes that have ended, which the kernel keeps for that.
+    /// Collects adopted processes that have ended. The kernel keeps them until then.
     fn reap(&self) {
         if !self.adopts {
             return;
@@ -358,21 +355,21 @@ impl Search {
         let this = getpid().as_raw_nonzero().get();
         let ended = processes::all().into_iter().filter(|stat| stat.is_zombie && stat.parent == this);
         for pid in ended.map(|stat| stat.process.pid).filter(|pid| !is_shim(*pid)) {
-            // Its exit status is not needed.
+            // The exit status of the process is not needed.
             waitpid(Pid::from_raw(pid), WaitOptions::NOHANG).map(|_ended| ()).unwrap_or_default();
         }
     }
 }
 
-/// Whether a program is still within the time that it may take to stop: by its shim's hands, or by itself.
+/// Returns whether a program still has time to stop. Its shim may stop it, or the program itself.
 fn is_stopping(record: &ProcessRecord, began: Time) -> bool {
     let since = now() - began;
     let runs = |process: Option<Process>| process.is_some_and(processes::is_running);
     runs(record.shim) && since < record.grace + SHIM_MARGIN || runs(record.program) && since < record.grace
 }
 
-/// Whether a process is the shim or the program of a record, or of the session that the shim has made. A number is not given
-/// away while a session has it, so a session without its leader is the shim's.
+/// Returns whether a process is the shim or the program of a record, or belongs to the session of the shim. The kernel
+/// does not reuse the number of a session while it exists. So a session without its leader is the session of the shim.
 fn is_of(record: &ProcessRecord, stat: &Stat, all: &[Stat]) -> bool {
     let is_named = record.shim == Some(stat.process) || record.program == Some(stat.process);
     let is_of_session = |shim: &Process| stat.session == shim.pid && stat.process.started >= shim.started;
@@ -383,13 +380,13 @@ fn is_of(record: &ProcessRecord, stat: &Stat, all: &[Stat]) -> bool {
     is_named || has_session
 }
 
-/// Whether a child of this process is a shim, or is about to become one: until then it is this executable.
+/// Returns whether a child of this process is a shim, or is becoming one: until then it runs this executable.
 fn is_shim(pid: i32) -> bool {
     let executable = |pid: &str| std::fs::read_link(format!("/proc/{pid}/exe")).ok();
     comm(pid).as_deref() == Some(SHIM) || executable(&pid.to_string()) == executable("self")
 }
 
-/// Returns the name of a process, as the kernel has it.
+/// Returns the name of a process in the kernel's list of processes.
 fn comm(pid: i32) -> Option<String> {
     std::fs::read_to_string(format!("/proc/{pid}/comm")).ok().map(|name| name.trim_end().to_owned())
 }
@@ -397,14 +394,14 @@ fn comm(pid: i32) -> Option<String> {
 fn read_record(dir: &Path) -> Option<Recorded> {
     let bytes = file::bytes_itself(&dir.join(RECORD_FILE), RECORD_MAX).ok()?;
     let own = getuid().as_raw();
-    // A program that runs as another user has its own folder, and may not enter this one.
+    // If a program runs as another user, it has a folder of its own, because it may not enter this one.
     let other = dir.ancestors().nth(2).and_then(|node| run_dir::user_of(node, dir));
     let users = [own, other.map_or(own, |(user, _)| user)];
     Some(Recorded { record: ProcessRecord::parse(&String::from_utf8_lossy(&bytes)), users })
 }
 
 impl Recorded {
-    /// Returns whether a process may be the recorded one, by its user.
+    /// Returns whether a process has a user that the recorded program may have.
     fn may_be(&self, pid: i32) -> bool {
         processes::user(pid).is_some_and(|user| self.users.contains(&user))
     }

@@ -1,4 +1,5 @@
-//! Whether the end of a program is overdue: the kernel shows when it has ended, but the shim that has to report how may be suspended.
+//! Finds programs whose end is overdue. The kernel shows that a program has ended, but its shim has not reported how:
+//! the shim may be suspended.
 
 use super::leftovers::{press_shim, program_of};
 use comms::io::clock;
@@ -11,20 +12,20 @@ use std::time::Duration;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
-/// How long a shim may take to say how its program has ended before it is looked at; then twice as long each time. A shim that runs may
-/// take any time.
+/// How long a shim may take to report the end of its program. Then the node looks at the shim; each further look comes
+/// after twice as long. A shim that is not suspended may take any time.
 const TOLD_WITHIN: Duration = Duration::from_secs(2);
 /// The longest time between two looks.
 const LOOK_EVERY: Duration = Duration::from_secs(60);
 
-/// The end of a program as the kernel sees it.
+/// The end of a program, as the kernel shows it.
 #[derive(Debug)]
 pub(super) enum Overdue {
     /// Nothing is watched: the program has not begun, or its end was reported.
     No,
-    /// It runs.
+    /// The program runs.
     Running(AsyncFd<OwnedFd>),
-    /// It has ended, and its shim is looked at at this time, after this many looks.
+    /// The program has ended. The node looks at its shim at this time. It has looked this many times.
     Ended { look_at: Time, looks: u32 },
 }
 
@@ -38,15 +39,16 @@ impl Overdue {
             reason = "its successor is unsafe; an `OwnedFd` keeps its descriptor open, which is all that is asked"
         )]
         let watched = descriptor.and_then(|descriptor| AsyncFd::with_interest(descriptor, Interest::READABLE).ok());
-        // A program that cannot be watched may have ended, so its shim is looked at.
+        // If a program cannot be watched, it may have ended, so the node looks at its shim.
         watched.map_or_else(Self::ended, Self::Running)
     }
 
-    /// Watches the program of a shim that an earlier node has started. Its shim may have reaped it before it was suspended.
+    /// Watches the program of a shim that an earlier node has started. The shim may have collected the end of the
+    /// program and been suspended afterwards.
     pub(super) fn recorded(dir: &Path) -> Self {
         let Some(program) = program_of(dir) else { return Self::No };
         let watched = Self::of(program.pid.cast_unsigned());
-        // A number that belongs to another process by now shows nothing.
+        // If the process id belongs to another process by now, the program has ended.
         if processes::is_there(program) { watched } else { Self::ended() }
     }
 
@@ -61,13 +63,13 @@ impl Overdue {
     pub(super) async fn wait(&self) {
         match self {
             Self::No => std::future::pending().await,
-            // An error counts as an end. The shim is then examined, and a shim that runs is left alone.
+            // An error counts as an end. The node then looks at the shim, and does nothing if the shim is not suspended.
             Self::Running(descriptor) => drop(descriptor.readable().await),
             Self::Ended { look_at, .. } => clock::sleep_until(*look_at).await,
         }
     }
 
-    /// Takes the next step: a suspended shim is resumed, and then killed.
+    /// Takes the next step. A suspended shim is first resumed; if this does not help, it is killed.
     pub(super) async fn act(&mut self, dir: &Path) {
         let Self::Ended { looks, .. } = *self else {
             *self = Self::ended();

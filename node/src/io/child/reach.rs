@@ -8,22 +8,22 @@ use shim::protocol::ShimReport;
 use std::path::Path;
 use std::time::Duration;
 
-/// The pause before a shim that does not answer is tried again: it is suspended, or has only just begun.
+/// The pause before the next try to reach a shim that does not answer: it is suspended, or has just been started.
 const AGAIN: Duration = Duration::from_millis(100);
 
-/// The fate of a program while there was no node.
+/// The fate of a program during the time without a node.
 #[derive(Debug)]
 pub enum Reached {
     /// Its shim exists.
     Running(Attached),
-    /// The program has ended: how, if that is known, and its last lines of output.
+    /// The program has ended. The values are how, if this is known, and its last lines of output.
     Ended(Option<(ShimReport, Vec<String>)>),
-    /// The program was to be started, and never was.
+    /// The program should have been started, but never was.
     Never,
 }
 
-/// Reaches the shim of the program in `dir`, `reports` of whose reports are known. If the shim was killed, ends its
-/// leftovers. Blocks while a shim is there and does not answer.
+/// Reaches the shim of the program in `dir`; `reports` of its reports are known already. If the shim was killed, ends
+/// its leftovers. Blocks while a shim exists and does not answer.
 pub fn reach(dir: &Path, reports: u64) -> Reached {
     let pause = Wakeup::default();
     loop {
@@ -31,7 +31,7 @@ pub fn reach(dir: &Path, reports: u64) -> Reached {
             Ok(attached) => return Reached::Running(attached),
             Err(error) => tracing::debug!(%error, ?dir, "a shim is not reached"),
         }
-        // A shim that has ended by itself has removed its record last, and left nothing.
+        // A shim that has ended by itself has removed its record last, and has no leftovers.
         if !dir.join(RECORD_FILE).exists()
             && let Some(end) = ended(dir)
         {
@@ -49,7 +49,7 @@ pub fn reach(dir: &Path, reports: u64) -> Reached {
     }
     match ended(dir) {
         Some(end) => Reached::Ended(Some((end, ended_output(dir)))),
-        // The record of how it ended is removed once its node knows; so this one was never started.
+        // The record of the end is removed once the node knows it. No report is known here, so the program was never started.
         None if reports == 0 => Reached::Never,
         None => Reached::Ended(None),
     }

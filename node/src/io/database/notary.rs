@@ -1,4 +1,4 @@
-//! The keys of a node in a team, as its database uses them.
+//! Signs and checks for the database with the keys of a node in a team.
 
 use super::Worker;
 use crate::logic::database::question::Envelope;
@@ -9,11 +9,11 @@ use std::sync::Arc;
 use team::member::Member;
 use trust::identity::{KeyId, PublicKeys};
 
-/// Signs as a member.
+/// Signs with the keys of a member.
 #[derive(Debug)]
 struct MemberNotary(Arc<Member>);
 
-/// Returns a replica that signs with the keys of a node, if that is in a team.
+/// Returns the replica; if the node is in a team, the replica signs with the node's keys.
 pub(super) fn signed(replica: Replica, member: Option<&Arc<Member>>) -> Replica {
     match member {
         Some(member) => replica.signed_by(Arc::new(MemberNotary(Arc::clone(member)))),
@@ -50,14 +50,14 @@ impl Notary for MemberNotary {
 }
 
 impl Worker {
-    /// Returns whether a message comes from its claimed sender. If not, this is written to the audit log.
+    /// Returns whether a message comes from its claimed sender. If it does not, writes this to the audit log.
     pub(super) fn is_from(&self, envelope: &Envelope, author: &Author) -> bool {
         let Some(member) = &self.member else { return true };
         let refused = match author {
             Author::Anybody => Ok(()),
             Author::Member(name) => self.machine.check_author(envelope, name),
             Author::Nobody(why) => Err(("another replica".to_owned(), why.clone())),
-            // This node does not know its key yet: the sender repeats the message.
+            // This node does not know the sender's key yet. The sender repeats the message.
             Author::Stranger => return false,
         };
         if let Err((claimed, why)) = &refused {

@@ -1,15 +1,15 @@
-//! Checks that a store is still where it was opened. An engine keeps writing to files that have been deleted or moved,
-//! and the next start would not find these changes.
+//! Checks that a store is still where it was opened. An engine continues to write to files that have been deleted or
+//! moved, and the next start would not find these changes.
 
 use std::fs;
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// How files of an engine begin that come and go while it runs.
+/// The beginning of the names of an engine's temporary files.
 const PASSING: &str = "snap.";
 
-/// The folder of a store and its files, each with its device and its inode.
+/// The folder and the files of a store, each with its device and its inode.
 #[derive(Debug)]
 pub(super) struct Presence(Vec<(PathBuf, (u64, u64))>);
 
@@ -21,18 +21,18 @@ impl Presence {
         Ok(Self(all))
     }
 
-    /// Returns whether everything is there, and unchanged.
+    /// Returns whether all of them still exist, and are the same files.
     pub(super) fn holds(&self) -> bool {
         self.0.iter().all(|(path, known)| identity(path).is_ok_and(|identity| identity == *known))
     }
 
-    /// Returns whether everything is there, but some of it was replaced.
+    /// Returns whether all of them exist, but some are other files.
     pub(super) fn is_replaced(&self) -> bool {
         self.0.iter().all(|(path, _)| path.exists())
     }
 }
 
-/// Adds a folder and its files; an engine may have a folder inside it.
+/// Adds a folder and its files. Some engines have a folder inside it.
 fn gather(folder: &Path, all: &mut Vec<(PathBuf, (u64, u64))>) -> io::Result<()> {
     all.push((folder.to_owned(), identity(folder)?));
     for entry in fs::read_dir(folder)? {

@@ -1,8 +1,8 @@
-//! The place of a node's database: a folder, or only memory.
+//! Where a node's database is stored: in a folder, or only in memory.
 //!
-//! A store whose folder is gone takes no writes, and no empty one is begun in its place while the node runs: the
-//! acknowledged data is in memory, and a new store would hide that it is nowhere else. A store on a read-only disk is
-//! read from a copy, so that the node can start and answer reads.
+//! If the folder of a store is gone, the store takes no writes. While the node runs, no empty store replaces it: the
+//! acknowledged data is only in memory, and a new store would hide this. A store on a read-only disk is read from a
+//! copy, so that the node can start and answer reads.
 
 use super::Options;
 use super::presence::Presence;
@@ -16,7 +16,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// How many bytes of transactions are kept for the history, although every member has them.
+/// How many bytes of transactions are kept for the history although every member has them.
 const LOG_SIZE: usize = 64 << 20;
 
 /// A store, and the options to open it again.
@@ -26,16 +26,16 @@ pub(super) struct Place {
     /// The engine of a new store.
     engine: Option<Engine>,
     store: Option<Box<dyn Store + Send>>,
-    /// The identity of the files when it was last opened.
+    /// The identity of the files when the store was last opened.
     presence: Option<Presence>,
 }
 
-/// A place, the replica that is in it, and why it takes no writes, if it does not.
+/// The place of a store, its replica, and a reason if the store takes no writes.
 pub(super) type Opened = (Place, Replica, Option<String>);
 
 impl Place {
-    /// Opens the store; returns its replica. A damaged store is put aside, and a new one begins, which gets all data of
-    /// the others. A store on a disk that takes no writes is only read.
+    /// Opens the store, and returns its replica. A damaged store is put aside and replaced by a new one, which gets the
+    /// data of the other robots. If the disk takes no writes, the store is only read.
     pub(super) fn open(options: &Options) -> anyhow::Result<Opened> {
         let folder = options.folder.as_ref().map(|folder| folder.join("db"));
         let engine = options.store.or_else(|| folder.as_deref().and_then(Engine::of));
@@ -57,14 +57,14 @@ impl Place {
         self.folder.as_ref().map(|folder| format!("{} ({engine})", folder.display()))
     }
 
-    /// Writes a batch; it is durable when this returns.
+    /// Writes a batch, which is durable when this returns.
     pub(super) fn commit(&mut self, batch: &Batch) -> anyhow::Result<()> {
         self.store.as_mut().context("the store is not open")?.commit(batch)?;
-        // The engine would continue in files that no later start can find.
+        // If the folder is gone, the engine writes to files that no later start can find.
         self.check()
     }
 
-    /// Looks whether the store is still where it was opened.
+    /// Checks whether the store is still where it was opened.
     pub(super) fn check(&self) -> anyhow::Result<()> {
         if self.presence.as_ref().is_none_or(Presence::holds) { Ok(()) } else { self.gone() }
     }
@@ -118,7 +118,8 @@ impl Place {
         Ok(replica)
     }
 
-    /// Returns the replica of a store that cannot be opened where it is, from a copy; a new one if there is none.
+    /// Returns the replica of a store that cannot be opened in its place. Reads a copy of the store; if there is no
+    /// store, returns a new replica.
     fn read_only(&self, folder: &Path, scratch: &Path) -> anyhow::Result<Replica> {
         if !folder.exists() {
             return Ok(Replica::open(self.config()?, StoredRecords::default())?);
@@ -128,7 +129,7 @@ impl Place {
             let store = DirStore::open(&copy)?;
             Ok(Replica::open(self.config()?, store.read()?)?)
         });
-        // The copy is not read again, and is harmless if it stays.
+        // The copy is not needed any more, and does no harm if it cannot be removed.
         drop(fs::remove_dir_all(&copy));
         read
     }
@@ -153,7 +154,7 @@ fn copy_files(from: &Path, to: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Returns whether a store does not open because its disk takes no writes.
+/// Returns whether a store cannot be opened because its disk takes no writes.
 fn is_unwritable(error: &anyhow::Error) -> bool {
     use io::ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
     let unwritable =
@@ -161,7 +162,8 @@ fn is_unwritable(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(StoreError::File { cause, .. }) if unwritable(cause))
 }
 
-/// Returns whether a store does not open because of its content. Another robot's store must not be moved.
+/// Returns whether a store cannot be opened because its content is damaged. A store of another robot is not damaged,
+/// and must not be moved.
 fn is_damage(error: &anyhow::Error) -> bool {
     error.downcast_ref().is_some_and(StoreError::is_damage)
         || matches!(error.downcast_ref(), Some(OpenError::Record { .. } | OpenError::Damaged { .. }))

@@ -1,5 +1,6 @@
-//! Messages of replicas over the node's session. News to all and messages to one replica are puts that may be lost. A
-//! question goes to exactly one replica and has its own deadline. The replica asks again for whatever does not arrive.
+//! Sends and receives messages of replicas over the node's session. News for all and messages to one replica are puts,
+//! which may be lost. A question goes to exactly one replica, and has its own deadline. The replica asks again for
+//! everything that does not arrive.
 
 use super::{Arrival, Handle};
 use crate::logic::database::question::Envelope;
@@ -12,27 +13,27 @@ use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::{AbortHandle, JoinSet};
 
-/// How many messages wait to be sent.
+/// The most messages that wait to be sent.
 const OUTGOING_MAX: usize = 1024;
-/// How many messages of others wait to be taken; others are dropped, and asked for again.
+/// The most messages of other replicas that wait to be taken. Further ones are dropped; the replica asks for them again.
 const INCOMING_MAX: usize = 1024;
-/// How many requests and answers are in transit at a time. A replica asks two others in two seconds, and a replica that
-/// vanished leaves its request open for a minute.
+/// The most requests and answers in transit. A replica asks two others in two seconds. A request to a replica that has
+/// vanished stays open for a minute.
 const ON_THE_WAY_MAX: usize = 256;
 
 /// An outgoing message.
 pub(super) enum Outgoing {
-    /// To one, or to all.
+    /// A message to one replica, or to all.
     Put(Option<ReplicaId>, Vec<u8>),
-    /// A question to one, and how long its answer is waited for.
+    /// A question to one replica, and how long to wait for its answer.
     Ask(ReplicaId, Vec<u8>, Duration),
     /// The answer to a question.
     Reply(Box<Request>, Vec<u8>),
-    /// This replica has this name from now on.
+    /// From now on, the replica has this address.
     Address(ReplicaId),
 }
 
-/// The tasks that carry messages.
+/// The tasks that send and receive messages.
 struct Wire {
     session: Arc<Session>,
     team: String,
@@ -43,8 +44,8 @@ struct Wire {
     ears: Vec<AbortHandle>,
 }
 
-/// Begins to listen and to send. Returns the queue for outgoing messages, and the task, which ends when the queue has
-/// no sender any more.
+/// Begins to listen and to send. Returns the queue for outgoing messages, and the task. The task ends when the queue
+/// has no sender any more.
 pub(super) fn start(
     session: &Arc<Session>,
     team: &str,
@@ -105,11 +106,11 @@ impl Wire {
                 }
             }
         }
-        // No task holds the session any more when this ends.
+        // After this, no task uses the session any more.
         self.on_the_way.shutdown().await;
     }
 
-    /// Listens at the present address, and at no other.
+    /// Listens at the present address and stops listening at the previous one.
     fn listen(&mut self) -> Result<(), CallError> {
         self.ears.drain(..).for_each(|ear| ear.abort());
         let number = self.address.number();
@@ -142,7 +143,7 @@ async fn hear_questions(mut questions: Server, handle: Handle) {
     }
 }
 
-/// Hands on the answer of another replica. Without one nothing happens: the asking replica has its own deadline.
+/// Passes on the answer of another replica. If there is none, does nothing: the asking replica has its own deadline.
 fn ask(answer: Result<(Vec<u8>, Author), CallError>, handle: &Handle) {
     match answer.map(|(bytes, author)| (codec::decode::<Envelope>(&bytes), author)) {
         Ok((Ok(envelope), author)) => handle.offer(Arrival::Envelope(envelope, author)),

@@ -1,5 +1,5 @@
-//! The ledger of a gate on the disk. Accepted requests are appended, so each takes one write to the disk, and several
-//! requests at once share one.
+//! The ledger of a gate on the disk. Accepted requests are appended, so each needs one write. Requests that come at the
+//! same time share a write.
 
 use crate::logic::gate::{ENTRIES_MAX, Found, Gate, LEDGER_MAX, Ledger};
 use anyhow::Context as _;
@@ -15,8 +15,8 @@ use trust::revocation::Revocations;
 #[derive(Debug)]
 pub(super) struct LedgerFile {
     path: PathBuf,
-    /// None before the first write if the file cannot be continued, and after a failed write: it is then unknown which
-    /// part is on the disk, so the next write makes a new file.
+    /// Nothing before the first write if the existing file cannot be continued, and after a failed write. Then it is
+    /// not known which part is on the disk, so the next write makes a new file.
     file: Option<File>,
     /// How many more bytes of records fit before a new file is begun.
     room: usize,
@@ -26,7 +26,7 @@ impl LedgerFile {
     /// Reads a ledger; a missing file is an empty ledger.
     ///
     /// # Errors
-    /// It cannot be read, or is damaged: it is not known which requests were here before.
+    /// The ledger cannot be read or is damaged. So it is not known which requests were accepted before.
     pub(super) fn open(path: PathBuf, revoked: &Revocations) -> anyhow::Result<(Self, Ledger)> {
         let none = |path| Self { path, file: None, room: 0 };
         let Some(bytes) = folder::read(&path, LEDGER_MAX)? else { return Ok((none(path), Ledger::default())) };
@@ -36,17 +36,17 @@ impl LedgerFile {
                 path.display()
             )
         })?;
-        // A disk that takes nothing now may take a new file later.
+        // If the disk refuses now, it may accept a new file later.
         let file = if is_whole { file::appended(&path, Privacy::Own).ok() } else { None };
         Ok((Self { file, room: ENTRIES_MAX, ..none(path) }, ledger))
     }
 
-    /// Writes down all that the gate has accepted: it is on the disk when this returns. Blocks.
+    /// Writes all requests that the gate has accepted. They are on the disk when this returns. Blocks.
     ///
     /// # Errors
-    /// The disk refuses. The accepted requests are written with the next file.
+    /// The disk refuses. The accepted requests are written together with the next file.
     pub(super) fn keep(&mut self, gate: &Mutex<Gate>) -> anyhow::Result<()> {
-        // Without the file the next writer after a failure makes a new one.
+        // The file is taken out: if the write fails, the next write makes a new file.
         let file = self.file.take().filter(|file| file::is_in_place(file, &self.path));
         let mut gate = gate.lock().unwrap_or_else(PoisonError::into_inner);
         let news = gate.take_news();
@@ -84,7 +84,7 @@ mod tests {
 
     const NOW: UnixTime = UnixTime(1_800_000_000);
 
-    /// A gate that has accepted this number of requests.
+    /// Returns a gate that has accepted this many requests.
     fn gate(requests: u64) -> Mutex<Gate> {
         let [root, keys] = [[1; 32], [2; 32]].map(|seed| SecretKeys::generate(&mut Entropy::new(&seed)));
         let founded = Team::found("acme".parse().unwrap(), &root);
@@ -133,24 +133,24 @@ mod tests {
         file.keep(&two).unwrap();
         assert!(std::fs::read(&path).unwrap().starts_with(&before), "records are added");
         assert_eq!(read(&path), *two.lock().unwrap().ledger());
-        // The file has been removed: a new one has everything.
+        // The file has been removed. A new file contains everything.
         std::fs::remove_file(&path).unwrap();
         file.keep(&two).unwrap();
         assert_eq!(read(&path), *two.lock().unwrap().ledger());
-        // The disk takes nothing for a while.
+        // The disk refuses for a while.
         std::fs::remove_dir_all(&folder).unwrap();
         assert!(file.keep(&gate(3)).is_err());
         folder::make(&folder).unwrap();
         file.keep(&two).unwrap();
         assert_eq!(read(&path), *two.lock().unwrap().ledger());
-        // A power cut has left half a record: a new file is made, since nothing may follow it.
+        // A power cut has left half of a record. A new file is made, because no record may follow this half.
         let mut bytes = std::fs::read(&path).unwrap();
         bytes.extend([9, 0]);
         std::fs::write(&path, bytes).unwrap();
         let (mut file, _) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
         file.keep(&two).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), two.lock().unwrap().ledger().to_bytes());
-        // The file has room for this much, and then it is rewritten.
+        // The file has room for only this many more bytes. Then it is rewritten.
         file.room = 10;
         file.keep(&gate(1)).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), gate(1).lock().unwrap().ledger().to_bytes());

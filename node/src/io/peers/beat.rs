@@ -1,8 +1,8 @@
-//! Sends beats to the hosts that matter, and drops links to lost hosts.
+//! Sends beats to hosts that this node depends on, and ends links to lost hosts.
 //!
-//! A cut of a link without traffic goes unnoticed, and idle nodes rarely send anything. So a node sends a beat each 250
-//! ms to the hosts that something here depends on. A beat has no content: the system notices when a beat does not arrive,
-//! see `comms/src/io/session/patience.rs`.
+//! If no data is sent over a link, a cut of it goes unnoticed, and idle nodes rarely send data. So a node sends a beat
+//! every 250 ms to the hosts that something here depends on. A beat has no content. The session notices when beats are
+//! missing, see `comms/src/io/session/patience.rs`.
 
 use comms::io::session::Session;
 use comms::logic::key;
@@ -12,9 +12,9 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::time::MissedTickBehavior;
 
-/// The time between two beats. With the patience of a new link, a cut is noticed after 1.9 s.
+/// The period of the beats. With the patience of a new link, a cut is noticed after 1.9 s.
 const BEAT_EVERY: Duration = Duration::from_millis(250);
-/// How many sessions of other nodes are remembered.
+/// The most sessions of other nodes that are remembered.
 const SESSIONS_MAX: usize = 1024;
 
 /// Sends beats to the present `hosts`, until their sender is gone.
@@ -43,7 +43,7 @@ fn keys(hosts: &mut watch::Receiver<BTreeSet<String>>) -> Vec<String> {
     hosts.borrow_and_update().iter().map(|host| key::beat(host)).collect()
 }
 
-/// The session of each boot of another node, from its answers.
+/// The session of each boot of another node, according to its answers.
 #[derive(Debug, Default)]
 pub(super) struct Sessions(Mutex<BTreeMap<(String, u64), String>>);
 
@@ -56,7 +56,7 @@ impl Sessions {
         }
     }
 
-    /// Removes all entries except those of these nodes.
+    /// Removes all entries except those of these boots.
     pub(super) fn keep(&self, holders: &BTreeMap<String, u64>) {
         let mut sessions = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         sessions.retain(|(host, boot), _| holders.get(host) == Some(boot));

@@ -1,4 +1,4 @@
-//! Takes the calls of command lines: calls that need no agent are answered at once, the others go to it.
+//! Receives the calls of command lines. Calls that need no agent are answered at once. The others are passed on to the agent.
 
 use super::Arrival;
 use crate::io::caller::{Answers, answers};
@@ -13,7 +13,7 @@ use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
 pub(super) async fn hear(mut calls: Server, session: Arc<Session>, member: Option<Arc<Member>>, sink: Sender<Arrival>) {
-    // Not a number of an earlier run: a node that was killed may have left calls that wait.
+    // A killed node may have left calls that still wait, so no number of an earlier run is used again.
     let (mut number, mut answering) = (clock::now().nanos(), JoinSet::new());
     while let Some(request) = calls.next().await {
         while answering.try_join_next().is_some() {}
@@ -53,7 +53,7 @@ async fn at_once(mut request: session::Request, answer: &Answer) {
     }
 }
 
-/// Passes answers on, sends in the pauses that there may be more, and at the end whether that was everything.
+/// Passes answers on. During pauses, says that further answers may come. At the end, says whether the answers are complete.
 async fn reply(mut request: session::Request, mut answers: Answers) {
     let mut pause = tokio::time::interval(SILENCE_MAX / 4);
     pause.reset();

@@ -1,4 +1,4 @@
-//! Whether programs could change the policy that they run under, because of where its file is.
+//! Finds out whether programs could change the policy that applies to them, because of the place of its file.
 
 use super::PolicyFile;
 use crate::io::users::{self, User};
@@ -9,14 +9,14 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use trust::policy::Sandbox;
 
-/// A folder that the standard sandbox closes if the kernel has Landlock, even to root.
+/// A folder that the standard sandbox closes even to root, if the kernel has Landlock.
 const CLOSED: &str = "/etc";
-/// In a folder with this bit only the owner of a file may remove it. Source: inode(7).
+/// In a folder with this bit, only the owner of a file may remove the file. Source: inode(7).
 const STICKY: u32 = 0o1000;
 const ROOT: u32 = 0;
 
 impl PolicyFile {
-    /// Returns the user that programs of this node run as, if this user could change or remove this policy. Blocks.
+    /// If the user that programs of this node run as could change or remove this policy, returns that user. Blocks.
     #[must_use]
     pub fn could_be_changed_by(&self) -> Option<String> {
         let named = self.policy.user().and_then(|user| users::named(user).ok().flatten());
@@ -32,17 +32,17 @@ impl PolicyFile {
     }
 }
 
-/// Returns whether a user owns a file, or may write to it or to a folder above it, where links are resolved.
+/// Returns whether a user owns a file, or may write to the file or to one of its parent folders. Links are resolved.
 fn can_change(path: &Path, user: &Account) -> bool {
     let real = fs::canonicalize(path).unwrap_or_else(|_gone| path.to_owned());
-    // The folders of the link count as well: a user with write access there could make it lead elsewhere.
+    // The parent folders of the link count as well: a user who may write to them could change where it leads.
     let folders = real.ancestors().skip(1).chain(path.ancestors().skip(1));
     let of = |path: &Path| fs::metadata(path).ok();
     let file = of(&real).is_some_and(|file| user.uid == ROOT || file.uid() == user.uid || writes(&file, user));
     file || folders.filter_map(of).any(|folder| opens(&folder, user))
 }
 
-/// Returns whether a user may exchange another user's file in a folder.
+/// Returns whether a user can replace the file of another user in a folder.
 fn opens(folder: &Metadata, user: &Account) -> bool {
     folder.uid() == user.uid || (folder.mode() & STICKY == 0 && writes(folder, user))
 }

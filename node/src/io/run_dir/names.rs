@@ -1,13 +1,13 @@
 //! The names of the folders of deployments.
 
-/// How much of a deployment's name is in the name of its folder, in bytes.
+/// How many bytes of a deployment's name are in the name of its folder.
 pub(super) const NAME_MAX: usize = 24;
-/// How many of these bytes a hash takes, if the name is not there as a whole.
+/// How many of these bytes are a hash, if the whole name does not fit.
 const HASH_LENGTH: usize = 8;
 
-/// Returns the folder name of a deployment. A name comes from the network: it must not lead elsewhere, and sockets need
-/// short paths. A changed name ends with a hash of the whole, so that no two deployments of one epoch, from two homes,
-/// have the same folder.
+/// Returns the folder name of a deployment. The name of a deployment comes from the network, so it must not lead to
+/// another folder. Sockets also need short paths. If the name is changed, it ends with a hash of the whole name. So two
+/// deployments with the same epoch from two homes never share a folder.
 pub(super) fn folder_name(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '_' };
     let whole: String = name.chars().map(plain).take(NAME_MAX).collect();

@@ -1,4 +1,4 @@
-//! The sockets of deployments that are over.
+//! Removes the sockets of deployments that are over.
 
 use super::{CONTROL_SOCKET, DATA_FILES, other, remove_leftover};
 use shim::process_record::RECORD_FILE;
@@ -6,8 +6,8 @@ use shim::protocol::{BEAT_FILE, SOCKET_FILE};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Removes unused sockets of a deployment: those of ended programs in its folder, and with the last of them the socket
-/// between the programs and the node. `node` is the folder of the node. Blocks.
+/// Removes unused sockets of a deployment: the sockets of ended programs in its folder. With the last of them, also
+/// removes the socket between the programs and the node. `node` is the folder of the node. Blocks.
 pub(crate) fn remove_sockets(node: &Path, deployment: &Path) {
     let own = fs::read_dir(deployment).into_iter().flatten().flatten().map(|entry| entry.path());
     let (running, ended): (Vec<PathBuf>, Vec<PathBuf>) =

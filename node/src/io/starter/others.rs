@@ -1,5 +1,5 @@
-//! Programs that run as another user than their node: they cannot enter a folder of the node, so their sockets and
-//! their credentials for the team are in a folder of their own.
+//! Programs that run as another user than their node. They cannot enter a folder of the node, so a folder of their own
+//! has their sockets and their credentials for the team.
 
 use crate::io::run_dir::{self, CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
 use anyhow::Context;
@@ -8,8 +8,8 @@ use shim::protocol::ShimStart;
 use std::path::{Path, PathBuf};
 use team::member::Member;
 
-/// Moves a program's own files to a folder of its user, if that is another one; returns the socket to its node, if it
-/// has one. Blocks.
+/// If a program runs as another user, moves the program's files to a folder of this user. Returns the socket to its
+/// node, if it has one. Blocks.
 ///
 /// # Errors
 /// The file system refuses.
@@ -41,7 +41,7 @@ pub(super) fn move_to_user(
     Ok(control)
 }
 
-/// Listens for programs of this user, or of another one: its user and its group.
+/// Listens for programs of this user, or of another user. `other` is the user and group of the other one.
 pub(super) fn listener(path: &Path, other: Option<(u32, u32)>) -> Result<Listener, ControlError> {
     other.map_or_else(|| Listener::bind(path), |(user, group)| Listener::bind_for(path, user, group))
 }

@@ -5,12 +5,13 @@
 //!       ◀─ClockRead(shown)─           read at some moment between question and answer
 //!       ──GoAt(start)────▶            on the clock of the host
 //! ```
-//! These clocks count from the boot of a machine, so a wrong calendar does not matter. A host has read its clock at some moment between
-//! the question and the answer. The home assumes the middle: the clock is ahead by `shown - (asked + round trip / 2)`. This is wrong by
-//! at most half the round trip, so the question with the shortest round trip counts, as in `dca clock`.
+//! These clocks count from the boot of a machine, so a wrong calendar does not matter. A host has read its clock at
+//! some moment between the question and the answer. The home assumes the middle: the clock is ahead by
+//! `shown - (asked + round trip / 2)`. The error is at most half the round trip. So the home uses the question with the
+//! shortest round trip, as `dca clock` does.
 //!
-//! The moment is late enough that supervisors on all hosts have told their programs to run by then. A message that is lost, repeated or
-//! late shifts nothing, because it names a moment and not a duration.
+//! The start is late enough that the supervisors on all hosts have told their programs to run by then. A lost, repeated
+//! or late message does not shift the start, because the message names a moment and not a duration.
 
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -49,16 +50,16 @@ pub(super) struct Exchange {
 /// A start at one moment.
 #[derive(Debug)]
 pub(super) struct Aligned {
-    /// How long after GO it is.
+    /// How long after GO the start is.
     pub(super) lead: Duration,
-    /// How far the starts of two hosts may be apart.
+    /// How much time there may be between the starts of two hosts.
     pub(super) within: Duration,
-    /// The moment on the clock of each host.
+    /// The moment of the start, on the clock of each host.
     pub(super) on_hosts: BTreeMap<String, Time>,
 }
 
 impl Exchange {
-    /// Returns a moment of the home on the clock of the host.
+    /// Converts a moment on the home's clock to the clock of this host.
     fn there(&self, here: Time) -> Time {
         let read = self.asked + self.round_trip / 2;
         if here >= read {
@@ -70,7 +71,7 @@ impl Exchange {
 }
 
 impl Clocks {
-    /// Takes the answer of a host; returns whether the answers are enough.
+    /// Takes the answer of a host; returns whether the host has answered often enough.
     pub(super) fn read(&mut self, host: &str, exchange: Exchange) -> bool {
         let clock = self.0.entry(host.to_owned()).or_default();
         clock.answers += 1;
@@ -80,7 +81,7 @@ impl Clocks {
         clock.answers >= EXCHANGES
     }
 
-    /// Returns the moment of the start if the home says GO now.
+    /// Returns the moment of the start if the home says GO at `now`.
     pub(super) fn start(&self, home: Option<&str>, now: Time) -> Aligned {
         let known = || self.0.iter().filter_map(|(host, clock)| Some((host, clock.best?)));
         let mut trips: Vec<Duration> = known().map(|(_, exchange)| exchange.round_trip).collect();
@@ -90,7 +91,7 @@ impl Clocks {
         let mut on_hosts: BTreeMap<String, Time> =
             known().map(|(host, exchange)| (host.clone(), exchange.there(start))).collect();
         on_hosts.extend(home.map(|home| (home.to_owned(), start)));
-        // Each clock may be wrong by half its round trip, two clocks in different directions.
+        // Each clock may be wrong by half its round trip, and two clocks may be wrong in different directions.
         Aligned { lead, within: trips.iter().take(2).sum::<Duration>() / 2, on_hosts }
     }
 }
@@ -100,8 +101,8 @@ mod tests {
     use super::*;
     use comms::logic::random::Random;
 
-    /// Wherever between question and answer the host has read its clock, and whichever clock is ahead, the moment is wrong by half the
-    /// round trip at the most.
+    /// The error of the moment is at most half the round trip. It does not matter when the host has read its clock
+    /// between question and answer, nor which clock is ahead.
     #[test]
     fn a_moment_on_another_clock_is_as_exact_as_the_round_trip() {
         let mut random = Random::new(7);
@@ -111,7 +112,7 @@ mod tests {
             let bits = random.below(30);
             let round_trip = random.below(1 << bits);
             let read = asked + random.below(round_trip + 1);
-            // The other machine has booted earlier or later by so much.
+            // The boot of the other machine was earlier or later than the home's boot, by this time.
             let (booted, is_ahead) = (random.below(9_000_000_000_000), random.below(2) == 0);
             let there = |here: u64| if is_ahead { here + booted } else { here - booted };
             let exchange =

@@ -6,10 +6,11 @@
 //!                                                         ▼
 //!                                       the same with the previous plan ─▶ taken back
 //! ```
-//! At the end of a change, made or taken back, the hosts get `Settle`. Only then they free the claims of programs that have gone.
+//! At the end of a change, whether it was made or taken back, the hosts get `Settle`. Only then do they free the claims
+//! of removed programs.
 //!
-//! Only one change is made at a time, and each request names the revision that it was made for. Of two users the first one wins, and
-//! the other user is told the name of the first.
+//! Only one change is made at a time. Each request names the revision of the plan that it was written for. If two users
+//! ask at once, the first request is carried out, and the other user is told who made it.
 
 use super::mission::Mission;
 use super::stop::StopBy;
@@ -26,13 +27,13 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long hosts have to say whether they could take a plan on.
+/// How long hosts have to say whether they could adopt a plan.
 const EXAMINE_WITHIN: Duration = Duration::from_secs(6);
-/// How long new programs have to be up. The stop of previous programs, their start and their `Init` have time of their own.
+/// How long hosts have to replace programs. The stop of previous programs and the time for start and `Init` are added to this.
 const APPLY_WITHIN: Duration = Duration::from_secs(45);
-/// How long new links have to stand.
+/// How long hosts have to make new links.
 const LINK_WITHIN: Duration = Duration::from_secs(48);
-/// How long hosts have to report that all is well, in addition to `Init` and the probation.
+/// How long hosts have to report that all new programs are healthy, in addition to `Init` and the probation.
 const HEALTHY_WITHIN: Duration = Duration::from_secs(10);
 /// The longest probation.
 const PROBATION_MAX: Duration = Duration::from_secs(600);
@@ -40,9 +41,9 @@ const PROBATION_MAX: Duration = Duration::from_secs(600);
 /// The changes of a deployment.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Changes {
-    /// How often the plan was changed while it ran.
+    /// How often the plan was changed since the deployment began.
     revision: u32,
-    /// The user who changed it last.
+    /// The user who made the last change.
     by: String,
     /// The number of the last change that was applied.
     number: u32,
@@ -60,7 +61,7 @@ struct Change {
     asked: Asked,
     next: Next,
     before: Arc<Plan>,
-    /// Why it is taken back.
+    /// Why the change is refused or taken back; empty if it is neither.
     reasons: Vec<String>,
     /// The locations of added programs.
     facts: Vec<LeafFacts>,
@@ -77,7 +78,7 @@ struct Asked {
     lines: Vec<String>,
 }
 
-/// The plan that the hosts take on: the new plan, or the previous one if the change is taken back.
+/// The plan that the hosts adopt: the new plan, or the previous one if the change is taken back.
 #[derive(Debug, Serialize, Deserialize)]
 struct Next {
     plan: Arc<Plan>,
@@ -98,7 +99,7 @@ enum Step {
 impl Change {
     /// Returns how long new programs have to say that they are healthy.
     fn healthy_within(&self) -> Duration {
-        // An idle program may be activated at the end of its probation.
+        // An idle program may be activated at the end of its probation, which then begins again.
         let span =
             |leaf: &Leaf| ready_within(&leaf.policy) + 2 * probation(leaf.kind, &leaf.policy, self.asked.probation);
         self.next.plan.leaves.iter().map(span).max().unwrap_or_default() + HEALTHY_WITHIN
@@ -117,7 +118,7 @@ impl Change {
         }
     }
 
-    /// Has all hosts that can be reached take a step.
+    /// Orders all reachable hosts to take a step.
     fn step(&mut self, mission: &Mission, step: Step, within: Duration, order: &ChangeOrder, out: &mut Out<'_>) {
         (self.step, self.until) = (step, out.now + within);
         self.awaited = mission.reachable().cloned().collect();
@@ -127,7 +128,7 @@ impl Change {
         }
     }
 
-    /// Has the hosts take the next plan on.
+    /// Orders the hosts to adopt the next plan.
     fn apply(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
         mission.plan = Arc::clone(&self.next.plan);
         let slowest = self.before.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
@@ -148,17 +149,17 @@ impl Changes {
         self.current.is_some()
     }
 
-    /// Returns when the present step is too late.
+    /// Returns when the time limit of the present step ends.
     pub(super) fn deadline(&self) -> Option<Time> {
         self.current.as_ref().map(|change| change.until)
     }
 
-    /// The node of the home was gone and could not hear any answer.
+    /// Notes that the home's node was gone and could not receive any answer.
     pub(super) fn adopted(&mut self, away: Duration) {
         self.current.iter_mut().for_each(|change| change.until = change.until + away);
     }
 
-    /// Returns the plan that runs, for a user who wants to change it.
+    /// Returns the plan that runs, and the change that is being made, for a user who wants to change the plan.
     pub(super) fn revision(&self, mission: &Mission) -> Revision {
         let underway = |change: &Change| {
             let (revision, by) = (self.revision + 1, change.asked.by.clone());
@@ -189,7 +190,7 @@ impl Changes {
         }
     }
 
-    /// Returns the programs that are to be started again, by number, or why nothing can be changed now.
+    /// Returns the numbers of the programs that are to be started again, or why nothing can be changed now.
     fn check(&self, mission: &Mission, request: &ChangeRequest) -> Result<Vec<u32>, Vec<String>> {
         let name = &mission.deployment.name;
         if let Some(change) = &self.current {
@@ -222,7 +223,7 @@ impl Changes {
         Ok(again)
     }
 
-    /// Asks all hosts whether they could take the plan on, unless nothing differs.
+    /// Asks all hosts whether they could adopt the plan, unless nothing differs.
     fn examine(
         &mut self,
         mission: &Mission,
@@ -240,7 +241,7 @@ impl Changes {
         let unnamed = again.iter().filter(|leaf| !is_named(**leaf));
         let paths = unnamed.filter_map(|leaf| mission.plan.leaves.get(*leaf as usize));
         lines.extend(paths.map(|leaf| format!("replace    {}: started again", leaf.path)));
-        // Programs that overlap are leaves of their own.
+        // A program and its replacement that overlap are two leaves, and only the replacement is live.
         let live = found.plan.live_leaves();
         again.retain(|leaf| live.contains(leaf));
         let ChangeRequest { plan: wanted, probation, by, .. } = request;
@@ -318,7 +319,7 @@ impl Changes {
                 let is_another = change.is_undoing() || change.next.plan.groups != change.before.groups;
                 change.step(mission, Step::Probing, change.healthy_within(), &ChangeOrder::Adopt { number }, out);
                 if is_another {
-                    // The report of the plan comes before all reports about it.
+                    // The plan is reported before all events that refer to it.
                     mission.report(Report::Replanned { plan: Box::new((*mission.plan).clone()) }, out);
                 }
             }
@@ -326,14 +327,14 @@ impl Changes {
         }
     }
 
-    /// The change is not made.
+    /// Tells the caller why the change is refused or given up.
     fn refuse(&mut self, out: &mut Out<'_>) {
         if let Some(Change { asked, reasons, .. }) = self.current.take() {
             out.answer_last(asked.call, Answer::Report(Report::Unchanged { by: asked.by, reasons }));
         }
     }
 
-    /// The change was made or taken back.
+    /// Completes a change that was made or taken back.
     fn changed(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
         let Some(change) = self.current.take() else { return };
         let live = mission.plan.live_leaves();
@@ -358,17 +359,17 @@ impl Changes {
         out.answer_last(call, Answer::Report(report));
     }
 
-    /// Goes back to the previous plan, or gives up if that has failed already.
+    /// Returns to the previous plan, or refuses a change that is still examined. During a return, only the reason is noted.
     fn take_back(&mut self, mission: &mut Mission, reason: String, out: &mut Out<'_>) {
         let Some(change) = &mut self.current else { return };
         let was_undoing = change.is_undoing();
         change.reasons.push(reason);
         match change.step {
             Step::Examining => self.refuse(out),
-            // The other hosts still have to go back.
+            // The other hosts still have to return to the previous plan.
             Step::Applying | Step::Linking | Step::Probing if was_undoing => {}
             Step::Applying | Step::Linking | Step::Probing => {
-                // The numbers of new wires and programs stay taken.
+                // The numbers of the new wires and programs are not used again.
                 let plan = Arc::new(change.next.plan.back_to(&change.before));
                 change.next = Next { plan, again: Vec::new(), signed: mission.request.signed.clone() };
                 change.number += 1;
@@ -378,7 +379,7 @@ impl Changes {
         }
     }
 
-    /// A host failed, or has left.
+    /// Takes back a change because a host failed or left. If the change is already being taken back, the others continue.
     pub(super) fn without(&mut self, mission: &mut Mission, host: &str, why: String, out: &mut Out<'_>) {
         let Some(change) = &mut self.current else { return };
         let was_awaited = change.awaited.remove(host);
@@ -391,7 +392,7 @@ impl Changes {
         }
     }
 
-    /// Lets time pass.
+    /// Takes back a change whose step is late. A change that is already being taken back is over then.
     pub(super) fn tick(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
         let Some(change) = self.current.as_mut().filter(|change| change.until <= out.now) else { return };
         let late = change.awaited.iter().map(|host| format!("host `{host}` did not answer in time"));
@@ -403,7 +404,7 @@ impl Changes {
         self.take_back(mission, reason, out);
     }
 
-    /// The deployment ends during a change.
+    /// Gives up the change because the deployment ends.
     pub(super) fn abandon(&mut self, out: &mut Out<'_>) {
         if let Some(change) = &mut self.current {
             change.reasons.push("the deployment ended before every host had confirmed the change".to_owned());

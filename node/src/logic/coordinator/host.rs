@@ -9,8 +9,8 @@
 //! asked to rejoin      Back               Active
 //! it has rejoined      Here               Active     (a new record)
 //! ```
-//! A report from a host in `Failed` may be older than the failure, or made in its name. So it counts only after the host has been
-//! reached again.
+//! A report from a host in `Failed` may be older than the failure, or another node may have forged it. So the home uses
+//! a report only after the host has been reached again.
 
 use super::rejoin::Rejoin;
 use crate::logic::protocol::Why;
@@ -30,9 +30,9 @@ pub(super) struct HostPart {
 enum Reach {
     #[default]
     Here,
-    /// It may still hold something of the deployment.
+    /// The host failed. It may still hold something of the deployment.
     Failed,
-    /// It failed and has been reached again. It may still hold something.
+    /// The host failed and has been reached again. It may still hold something of the deployment.
     Back,
 }
 
@@ -41,39 +41,39 @@ enum Reach {
 enum Part {
     #[default]
     Active,
-    /// Nothing of the deployment is left there.
+    /// Nothing of the deployment is left on the host.
     Left,
-    /// It could not end everything.
+    /// The host could not end everything.
     Unable,
 }
 
 impl HostPart {
-    /// Returns whether it has not left.
+    /// Returns whether the host has not reported that it left.
     pub(super) fn is_active(&self) -> bool {
         self.part == Part::Active
     }
 
-    /// Returns whether it takes part and can be reached.
+    /// Returns whether the host takes part and can be reached.
     pub(super) fn takes_part(&self) -> bool {
         (self.reach, self.part) == (Reach::Here, Part::Active)
     }
 
-    /// Returns whether it failed, and has not taken part again since.
+    /// Returns whether the host failed, and has not taken part again since.
     pub(super) fn has_failed(&self) -> bool {
         self.reach != Reach::Here
     }
 
-    /// Returns whether it is to take part again.
+    /// Returns whether the host is to take part again.
     pub(super) fn comes_back(&self) -> bool {
         self.rejoin.is_some()
     }
 
-    /// Returns whether it was asked to rejoin, and has not refused or rejoined yet.
+    /// Returns whether the host was asked to rejoin, and has neither refused nor rejoined yet.
     pub(super) fn is_asked(&self) -> bool {
         self.rejoin.as_ref().is_some_and(Rejoin::is_asked)
     }
 
-    /// Takes its failure; returns whether that matters to the deployment.
+    /// Notes the failure of the host; returns whether the failure matters to the deployment.
     pub(super) fn fail(&mut self) -> bool {
         if self.is_active() {
             (self.reach, self.rejoin) = (Reach::Failed, None);
@@ -81,7 +81,8 @@ impl HostPart {
         self.is_active()
     }
 
-    /// Takes its return; returns whether it is to release everything. A rejoining host that was only missing continues to rejoin.
+    /// Notes the return of the host; returns whether the host is to release everything. A host that was only missing
+    /// while it rejoined continues to rejoin.
     pub(super) fn is_back(&mut self) -> bool {
         if self.has_failed() {
             self.reach = Reach::Back;
@@ -89,7 +90,7 @@ impl HostPart {
         self.has_failed() && !self.is_asked()
     }
 
-    /// Takes the report that it released everything; returns whether the report counts.
+    /// Takes the report that the host released everything; returns whether the home relies on the report.
     pub(super) fn released(&mut self) -> bool {
         if self.reach == Reach::Failed {
             if self.is_active() {
@@ -101,7 +102,7 @@ impl HostPart {
         true
     }
 
-    /// Takes the report that it could not end everything.
+    /// Takes the report that the host could not end everything.
     pub(super) fn is_unable(&mut self) {
         self.part = Part::Unable;
         if self.reach == Reach::Here {
@@ -109,12 +110,13 @@ impl HostPart {
         }
     }
 
-    /// The host is asked to take part again: from now on it may hold something.
+    /// Notes that the host is asked to take part again: from now on it may hold something of the deployment.
     pub(super) fn rejoins(&mut self) {
         (self.reach, self.part) = (Reach::Back, Part::Active);
     }
 
-    /// Returns why its release is unconfirmed at the end, if that is so. `is_late` means that it was asked and did not answer.
+    /// Returns why its release is unconfirmed at the end; nothing if the release is confirmed. `is_late` means that the
+    /// host was asked and did not answer.
     pub(super) fn unconfirmed(&self, is_late: bool) -> Option<Why> {
         match self.part {
             Part::Unable => Some(Why::Unable),

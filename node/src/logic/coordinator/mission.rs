@@ -1,4 +1,4 @@
-//! A deployment as all parts of its home see it: the plan, the hosts, and the callers that hear of it.
+//! A deployment as all parts of its home see it: the plan, the hosts, and the callers that get its reports.
 
 use super::host::HostPart;
 use super::stop::Stop;
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A deployment, without the phase it is in.
+/// A deployment without its phase.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Mission {
     pub(super) deployment: Deployment,
@@ -24,7 +24,7 @@ pub(super) struct Mission {
     /// When the home said GO.
     pub(super) go_at: Option<Time>,
     pub(super) hosts: BTreeMap<String, HostPart>,
-    /// How often a host was asked to rejoin.
+    /// How often hosts were asked to rejoin, all in all.
     pub(super) rejoins: u32,
     pub(super) registrations: Registrations,
     pub(super) audience: Audience,
@@ -37,21 +37,21 @@ pub(super) struct Mission {
 pub struct Requested {
     /// The user who deployed it.
     pub by: String,
-    /// The epoch under which the user deployed it: an earlier epoch than its own after a resume.
+    /// The epoch under which the user deployed it. After a resume, the deployment has a later epoch.
     pub origin: u64,
-    /// The last plan that a user asked for, without the numbers that running processes got since.
+    /// The last plan that a user asked for, without the numbers that running processes have received since.
     pub wanted: Arc<Plan>,
     /// The request itself, if the user signed it.
     pub signed: Option<Arc<Signed>>,
 }
 
 impl Mission {
-    /// Sends an order to a host, with the signed request where the order needs it.
+    /// Sends an order to a host, together with the signed request if the order needs a signature.
     pub(super) fn tell(&self, host: &str, order: ToParticipant, out: &mut Out<'_>) {
         out.send(host, self.deployment.to_participant(order.signed(self.request.signed.as_deref())));
     }
 
-    /// Returns how long ago the home said GO.
+    /// Returns how much time has passed since the home said GO.
     pub(super) fn since_go(&self, now: Time) -> Duration {
         self.go_at.map_or(Duration::ZERO, |go| now - go)
     }
@@ -82,7 +82,7 @@ impl Mission {
         }
     }
 
-    /// Reports the steps of a supervisor.
+    /// Reports steps of a supervisor.
     pub(super) fn stepped(&mut self, group: u32, number: u64, steps: Vec<StepRecord>, out: &mut Out<'_>) {
         if let Some(group) = self.plan.groups.get(group as usize) {
             let (path, host) = (group.path.clone(), group.host);
@@ -91,7 +91,7 @@ impl Mission {
         }
     }
 
-    /// Records where the programs of a host are.
+    /// Records the locations of the programs of a host.
     pub(super) fn register(&mut self, host: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
         let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
         self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
@@ -100,20 +100,20 @@ impl Mission {
         self.report(Report::Prepared { host: host.to_owned(), leaves }, out);
     }
 
-    /// Has a host make its links, with the known locations of all programs.
+    /// Orders a host to make its links, and sends it the known locations of all programs.
     pub(super) fn have_connected(&self, host: &str, out: &mut Out<'_>) {
         let facts = self.registrations.facts.values().cloned().collect();
         let machines = self.registrations.machines.clone();
         self.tell(host, ToParticipant::Connect { facts, machines }, out);
     }
 
-    /// Says GO to all hosts, and activates `main`. `start` has the moment of an aligned start on the clock of each host.
+    /// Says GO to all hosts, and activates `main`. For an aligned start, `start` has the moment on the clock of each host.
     pub(super) fn go(&mut self, begun: Time, start: &BTreeMap<String, Time>, out: &mut Out<'_>) {
         self.go_at = Some(out.now);
         let signals = self.registrations.facts.values().filter(|facts| facts.signals).map(|facts| facts.leaf);
         let signals = self.locations(signals);
         self.report(Report::Go { took: out.now - begun, signals }, out);
-        // The programs of other deployments are shown there.
+        // A program of another deployment is shown with its own deployment.
         let own = self.registrations.facts.keys().copied().filter(|leaf| self.plan.external(*leaf).is_none());
         let at = self.locations(own);
         self.report(Report::Programs { at }, out);
@@ -135,7 +135,7 @@ impl Mission {
         leaves.filter_map(location).collect()
     }
 
-    /// Reports where these programs are now.
+    /// Reports the present locations of these programs.
     pub(super) fn tell_where(&mut self, leaves: impl IntoIterator<Item = u32>, out: &mut Out<'_>) {
         let at = self.locations(leaves.into_iter());
         if !at.is_empty() {
@@ -143,7 +143,7 @@ impl Mission {
         }
     }
 
-    /// Records where a restarted program is: a host that rejoins has to know. Returns whether its location changed.
+    /// Records the new location of a restarted program, which a host that rejoins needs. Returns whether the location changed.
     pub(super) fn moved(&mut self, facts: &LeafFacts, from: &str) -> bool {
         let leaf = self.plan.leaves.get(facts.leaf as usize);
         let host = leaf.and_then(|leaf| self.plan.hosts.get(leaf.host as usize));
@@ -151,7 +151,7 @@ impl Mission {
         is_its && self.registrations.facts.insert(facts.leaf, facts.clone()).as_ref() != Some(facts)
     }
 
-    /// Returns the record of it on the disk.
+    /// Returns the record of the deployment for the disk.
     pub(super) fn kept(&self, has_ended: bool) -> Kept {
         let Requested { by, origin, wanted, signed } = &self.request;
         let resume = (wanted.on_boot == OnBoot::Resume).then(|| ((**wanted).clone(), signed.as_deref().cloned()));
@@ -166,7 +166,8 @@ impl Mission {
         }
     }
 
-    /// A host confirmed that nothing of the deployment is left there while the others run: they may go on without it.
+    /// Handles the confirmation of a host that nothing of the deployment is left there, while the deployment runs on.
+    /// The other hosts are told, and may go on without it.
     pub(super) fn cleared(&mut self, host: &str, out: &mut Out<'_>) {
         for other in self.hosts.keys().filter(|other| *other != host) {
             self.tell(other, ToParticipant::Cleared { host: host.to_owned() }, out);
@@ -174,7 +175,7 @@ impl Mission {
         self.rejoin_later(host, out.now);
     }
 
-    /// Returns whether a host of it has failed.
+    /// Returns whether this host of the deployment has failed.
     pub(super) fn is_lost(&self, host: &str) -> bool {
         self.hosts.get(host).is_some_and(HostPart::has_failed)
     }

@@ -1,15 +1,15 @@
-//! A host takes part again: it failed, or its node had left, and nothing of the deployment is left there.
+//! A host takes part again after it failed or its node left. By then, nothing of the deployment is left on the host.
 //!
 //! ```text
 //! Waiting ─Rejoin─▶ Preparing: its programs start, idle ─Connect─▶ Connecting: they make their links ─Go─▶ takes part
 //!   ▲                  └────── refused, too late, failed ──┘
 //!   └──── Failed: it is told `Release` until it has confirmed ◀┘
 //! ```
-//! Rejoining activates nothing. The processes that ran there have failed, and the expression decides. But the next activation finds
-//! its program, so `retry` and `;;` continue after a host was away. The host itself tells the others where its programs are, and
-//! they open their wires again.
+//! Rejoining activates nothing. The processes that ran on the host have failed, and the process expression decides how
+//! to continue. But the next activation of such a process finds its program, so `retry` and `;;` continue after the
+//! absence of a host. The host itself tells the others where its programs are, and the others open their wires again.
 //!
-//! A host that refuses is asked again, less and less often. While a change is made, no host is asked.
+//! A host that refuses is asked again after longer and longer pauses. No host is asked while a change is made.
 
 use super::host::HostPart;
 use super::mission::Mission;
@@ -25,16 +25,16 @@ use std::time::Duration;
 const FIRST: Duration = Duration::from_millis(200);
 /// The longest pause between two questions to a host.
 const SELDOM: Duration = Duration::from_secs(30);
-/// How often hosts rejoin a deployment at most. After more rejoins, the numbers of their supervisors would repeat.
+/// How often hosts rejoin a deployment at most. With more rejoins, numbers of their supervisors would be used twice.
 const REJOINS_MAX: u32 = 1000;
 
 /// The progress of a host that rejoins.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Rejoin {
     step: Step,
-    /// When the host is asked next, or when its step is too late.
+    /// When the host is asked next, or when the time limit of its step ends.
     due: Time,
-    /// How long it waits after the next refusal.
+    /// How long the home waits after the next refusal.
     pause: Duration,
 }
 
@@ -47,30 +47,30 @@ enum Step {
 }
 
 impl Rejoin {
-    /// Returns the wait for the next question, after `before` if there was one.
+    /// Returns the wait for the next question. The wait depends on the progress `before`, if the host was asked already.
     fn next(before: Option<&Self>, now: Time) -> Self {
         let pause = before.map_or(FIRST, |before| before.pause);
         Self { step: Step::Waiting, due: now + pause, pause: (2 * pause).min(SELDOM) }
     }
 
-    /// Its host is reached again: a host that waits is asked soon.
+    /// Notes that the host is reached again: if it waits, it is asked soon.
     pub(super) fn hurry(&mut self, now: Time) {
         if self.step == Step::Waiting {
             self.due = self.due.min(now + FIRST);
         }
     }
 
-    /// The node of the home was gone and could not hear any answer.
+    /// Notes that the home's node was gone and could not receive any answer.
     pub(super) fn adopted(&mut self, away: Duration) {
         self.due = self.due + away;
     }
 
-    /// Returns whether its host was asked, and has not refused or taken part yet.
+    /// Returns whether the host was asked, and has neither refused nor taken part yet.
     pub(super) fn is_asked(&self) -> bool {
         matches!(self.step, Step::Preparing | Step::Connecting)
     }
 
-    /// Returns when there is something to do.
+    /// Returns when something is to be done about the host.
     fn due(&self, is_asking: bool) -> Option<Time> {
         (is_asking || self.step != Step::Waiting).then_some(self.due)
     }
@@ -83,7 +83,7 @@ impl Mission {
         rejoins.map(|rejoin| rejoin.due(is_asking)).fold(None, earliest)
     }
 
-    /// Nothing of the deployment is left on a host while it runs.
+    /// Plans to ask a host to rejoin, on which nothing of the running deployment is left.
     pub(super) fn rejoin_later(&mut self, host: &str, now: Time) {
         if self.plan.home() == Some(host) || self.rejoins >= REJOINS_MAX {
             return;
@@ -93,7 +93,7 @@ impl Mission {
         }
     }
 
-    /// Asks the hosts whose time has come, unless a change is being made, and gives up those that take too long.
+    /// Asks the hosts whose time has come, unless a change is being made. Gives up the rejoining of hosts that take too long.
     pub(super) fn tick_rejoins(&mut self, is_asking: bool, out: &mut Out<'_>) {
         let due = self.hosts.iter().filter_map(|(host, part)| {
             let rejoin = part.rejoin.as_ref()?;
@@ -119,12 +119,12 @@ impl Mission {
         self.tell(name, ToParticipant::Rejoin { plan, number, since_go: self.since_go(out.now) }, out);
     }
 
-    /// Returns the progress of a host, if it is at this step.
+    /// Returns the progress of a host that is at this step.
     fn rejoining(&mut self, host: &str, step: Step) -> Option<&mut Rejoin> {
         self.hosts.get_mut(host)?.rejoin.as_mut().filter(|rejoin| rejoin.step == step)
     }
 
-    /// A host that rejoins has started its programs.
+    /// Notes that a rejoining host has started its programs.
     pub(super) fn rejoin_prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
         let Some(rejoin) = self.rejoining(from, Step::Preparing) else { return };
         (rejoin.step, rejoin.due) = (Step::Connecting, out.now + CONNECT_WITHIN);
@@ -132,7 +132,7 @@ impl Mission {
         self.have_connected(from, out);
     }
 
-    /// A host that rejoins has made its links: it takes part.
+    /// Notes that a rejoining host has made its links: the host takes part again.
     pub(super) fn rejoined(&mut self, from: &str, out: &mut Out<'_>) {
         if self.rejoining(from, Step::Connecting).is_none() {
             return;
@@ -149,7 +149,7 @@ impl Mission {
         }
     }
 
-    /// A host could not rejoin. It gives back everything that it has begun, and is asked again later.
+    /// Handles the refusal of a host. The host releases everything that it has begun, and is asked again later.
     pub(super) fn rejoin_refused(&mut self, from: &str, why: &str, out: &mut Out<'_>) {
         let rejoin = self.hosts.get(from).and_then(|host| host.rejoin.as_ref());
         if rejoin.is_some_and(|rejoin| rejoin.step != Step::Waiting) {
@@ -158,7 +158,7 @@ impl Mission {
         }
     }
 
-    /// Has a host confirm that nothing is left there.
+    /// Orders a host to release everything, and to confirm that nothing is left there.
     fn release_again(&mut self, host: &str, out: &mut Out<'_>) {
         if let Some(rejoin) = self.hosts.get_mut(host).and_then(|host| host.rejoin.as_mut()) {
             (rejoin.step, rejoin.due) = (Step::Failed, out.now + PREPARE_WITHIN);

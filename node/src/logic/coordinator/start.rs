@@ -5,7 +5,7 @@
 //!                               └─ with `--aligned` ─▶ ReadingClocks ─all clocks are read─▶ GO
 //! each ─ refused, late, host failed, stopped ─▶ refused
 //! ```
-//! GO waits until the epoch is on the disk. So a restarted node never gives out an epoch that has run.
+//! GO waits until the epoch is on the disk. So a restarted node never assigns an epoch that has already run.
 
 use super::aligned::{Aligned, Clocks, Exchange};
 use super::mission::Mission;
@@ -19,12 +19,13 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long the node of the home may be gone before a deployment that has not begun is refused: as long as a host may be missing.
+/// How long the home's node may be gone. After a longer absence, a deployment that has not begun is refused. A host may
+/// be missing for the same time.
 const AWAY_MAX: Duration = Duration::from_secs(5);
 /// How long all hosts have to tell their clocks.
 const READ_WITHIN: Duration = Duration::from_secs(10);
 
-/// Returns how long hosts have to start their programs: the plan may let one take longer than usual.
+/// Returns how long hosts have to start their programs: the plan may give a program more time than usual.
 pub(super) fn prepare_within(plan: &Plan) -> Duration {
     let slowest = plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
     PREPARE_WITHIN + slowest.saturating_sub(READY_WITHIN)
@@ -40,9 +41,9 @@ pub(super) struct Start {
     awaited: BTreeSet<String>,
     /// Whether the epoch is on the disk.
     is_committed: bool,
-    /// Why it does not begin.
+    /// Why the deployment does not begin.
     pub(super) reasons: Vec<String>,
-    /// The clocks of the other hosts, if its first step begins everywhere at one moment.
+    /// The clocks of the other hosts; only for an aligned start, in which the first step begins everywhere at one moment.
     clocks: Option<Clocks>,
 }
 
@@ -79,7 +80,7 @@ impl Start {
         }
     }
 
-    /// Takes a message of a host; gives back a message that is not about the start.
+    /// Takes a message of a host. Returns the message as an error if it is not about the start.
     pub(super) fn receive(
         &mut self,
         mission: &mut Mission,
@@ -110,13 +111,13 @@ impl Start {
         Ok(self.next(mission, out))
     }
 
-    /// The epoch is on the disk.
+    /// Notes that the epoch is on the disk.
     pub(super) fn committed(&mut self, mission: &Mission, out: &mut Out<'_>) -> Next {
         self.is_committed = true;
         self.next(mission, out)
     }
 
-    /// Takes the next step once all hosts have finished this one.
+    /// Continues with the next step when all hosts have finished this one.
     fn next(&mut self, mission: &Mission, out: &mut Out<'_>) -> Next {
         match self.step {
             _ if !self.awaited.is_empty() => {}
@@ -138,7 +139,7 @@ impl Start {
         Next::Wait
     }
 
-    /// A host refuses. The other hosts get a moment to add their reasons.
+    /// Takes the refusal of a host. The other hosts get a moment to add their reasons.
     pub(super) fn refused(&mut self, from: &str, reasons: Vec<String>, now: Time) -> Next {
         self.reasons.extend(reasons);
         self.awaited.remove(from);
@@ -146,7 +147,7 @@ impl Start {
         if self.awaited.is_empty() { Next::Refuse } else { Next::Wait }
     }
 
-    /// The time of the step is over.
+    /// Gives the reasons why the time limit of the step was missed.
     pub(super) fn late(&mut self) {
         if self.reasons.is_empty() {
             self.reasons.extend(self.awaited.iter().map(|host| format!("host `{host}` did not answer in time")));
@@ -156,7 +157,8 @@ impl Start {
         }
     }
 
-    /// The node was gone and could not hear any answer. The user was told that the deployment is lost, so it must not begin.
+    /// Notes that the node was gone and could not receive any answer. After a long absence the user was told that the
+    /// deployment is lost, so it must not begin.
     pub(super) fn adopted(&mut self, away: Duration) {
         if away > AWAY_MAX {
             self.reasons.push(format!("its home was gone for {} s before it had begun", away.as_secs()));

@@ -1,4 +1,5 @@
-//! The end of a deployment before its `main` has ended: the callers that asked for it, and whether the disk has forgotten it.
+//! The end of a deployment before its `main` has ended. This file has the callers that asked for the end, and whether
+//! the disk has forgotten the deployment.
 
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Deployment, StopReply};
@@ -31,13 +32,13 @@ impl Stop {
         self.by = self.by.max(if call.is_some() { StopBy::User } else { StopBy::Node });
     }
 
-    /// Has the disk forget the deployment. A user who asked for its end waits until that has happened.
+    /// Orders the disk to forget the deployment. A user who asked for the end waits until the disk has done so.
     pub(super) fn unkeep(&mut self, deployment: &Deployment, out: &mut Out<'_>) {
         self.unkeeping += u32::from(self.by == StopBy::User);
         out.effects.push(Effect::Unkeep { deployment: deployment.clone() });
     }
 
-    /// Answers the callers: nothing is left.
+    /// Answers the callers when nothing is left of the deployment.
     pub(super) fn answer(&mut self, out: &mut Out<'_>) {
         for call in std::mem::take(&mut self.calls) {
             out.answer_last(call, Answer::Stop(StopReply::Stopped));

@@ -11,20 +11,20 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How long a supervisor has to answer: each of its three steps has 2 s.
+/// How long a supervisor has to answer. Its three steps may take 2 s each.
 const ANSWER_WITHIN: Duration = Duration::from_secs(8);
 /// How many calls may wait at one time.
 const CALLS_MAX: usize = 64;
 
-/// The calls that wait for a switch, and until when.
+/// The calls that wait for a switch, each with its time limit.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Switches(BTreeMap<u64, Time>);
 
 impl Switches {
-    /// Has a supervisor switch a process; `call` is answered when the supervisor has confirmed it.
+    /// Orders a supervisor to switch a process; `call` is answered when the supervisor has confirmed the switch.
     ///
     /// # Errors
-    /// Why it cannot be switched, for the caller.
+    /// The reason why the process cannot be switched, for the caller.
     pub(super) fn ask(
         &mut self,
         mission: &Mission,
@@ -69,7 +69,7 @@ impl Switches {
         self.0.values().min().copied()
     }
 
-    /// Gives up supervisors that do not answer.
+    /// Gives up calls whose supervisors do not answer.
     pub(super) fn tick(&mut self, out: &mut Out<'_>) {
         let now = out.now;
         for (call, _) in self.0.extract_if(.., |_, until| *until <= now) {
@@ -79,7 +79,7 @@ impl Switches {
         }
     }
 
-    /// Answers all calls: the deployment ends.
+    /// Answers all calls because the deployment ends.
     pub(super) fn abandon(&mut self, name: &str, out: &mut Out<'_>) {
         for (call, _) in std::mem::take(&mut self.0) {
             out.answer_last(call, Answer::Switched(Err(format!("`{name}` ends"))));
@@ -87,7 +87,7 @@ impl Switches {
     }
 }
 
-/// Finds the one member that is meant by an absolute path or the end of one.
+/// Finds the one member whose absolute path is `process` or ends in it.
 fn member(plan: &Plan, process: &str) -> Result<(u32, u32), String> {
     let end = format!("/{process}");
     let mut found = Vec::new();

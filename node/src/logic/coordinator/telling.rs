@@ -1,4 +1,4 @@
-//! Orders of people for an activity: the home finds the activity that they mean, and passes on the answer of its supervisor.
+//! Orders of people to an activity. The home finds the activity that a person means, and passes on the answer of its supervisor.
 
 use super::mission::Mission;
 use crate::logic::effect::Out;
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// The longest text of a message, in bytes.
 const TEXT_MAX: usize = 4096;
-/// How long a supervisor has to confirm an order: less long than the user waits.
+/// How long a supervisor has to confirm an order. The user waits longer than this.
 const CONFIRM_WITHIN: Duration = Duration::from_secs(3);
 /// How many calls may wait at one time.
 const CALLS_MAX: usize = 256;
@@ -21,7 +21,7 @@ const CALLS_MAX: usize = 256;
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Orders(BTreeMap<u64, Handed>);
 
-/// An order that the host of an activity was handed.
+/// An order that was sent to the host of an activity.
 #[derive(Debug, Serialize, Deserialize)]
 struct Handed {
     path: String,
@@ -30,10 +30,10 @@ struct Handed {
 }
 
 impl Orders {
-    /// Hands an order to the supervisor of an activity; `call` is answered when the supervisor has confirmed it.
+    /// Sends an order to the supervisor of an activity; `call` is answered when the supervisor has confirmed the order.
     ///
     /// # Errors
-    /// The answer, if no supervisor was handed the order.
+    /// The answer, if the order was sent to no supervisor.
     pub(super) fn give(
         &mut self,
         mission: &Mission,
@@ -69,7 +69,7 @@ impl Orders {
         self.0.values().map(|handed| handed.until).min()
     }
 
-    /// Gives up supervisors that do not answer.
+    /// Gives up calls whose supervisors do not answer.
     pub(super) fn tick(&mut self, mission: &Mission, out: &mut Out<'_>) {
         let now = out.now;
         self.0.retain(|call, Handed { path, host, until }| {
@@ -88,7 +88,7 @@ impl Orders {
         });
     }
 
-    /// Answers all calls: the deployment ends.
+    /// Answers all calls because the deployment ends.
     pub(super) fn abandon(&mut self, name: &str, out: &mut Out<'_>) {
         for (call, _) in std::mem::take(&mut self.0) {
             out.answer_last(call, Answer::Delivered(Delivery::Refused(format!("`{name}` ends"))));
@@ -96,7 +96,7 @@ impl Orders {
     }
 }
 
-/// Whether an activity takes an order of a person.
+/// Checks whether an activity takes an order of a person.
 fn check(chart: &StateChart, path: &str, order: &ActivityInput) -> Result<(), String> {
     match order {
         ActivityInput::Message { text, .. } if text.len() > TEXT_MAX => {
@@ -121,7 +121,7 @@ fn check(chart: &StateChart, path: &str, order: &ActivityInput) -> Result<(), St
     }
 }
 
-/// Finds the one activity that is meant by an absolute path or the end of one.
+/// Finds the one activity whose absolute path is `process` or ends in it.
 fn activity<'p>(plan: &'p Plan, process: &str) -> Result<(u32, String, &'p StateChart), String> {
     let live = plan.live_groups();
     let end = format!("/{process}");

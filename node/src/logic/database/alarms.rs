@@ -1,4 +1,4 @@
-//! Alarms of the replica, in words for a person. The newest are kept for `dca db status`.
+//! Alarms of the replica, in words for a person. The latest alarms are kept for `dca db status`.
 
 use super::{Database, Effect};
 use dbmanager::logic::replica::Alarm;
@@ -8,7 +8,7 @@ use dbmanager::logic::version_vector::ReplicaId;
 const ALARMS_MAX: usize = 16;
 
 impl Database {
-    /// Takes an alarm of the replica. A forbidden write arrives again and again, and is reported once.
+    /// Takes an alarm of the replica. A forbidden write may arrive again and again, but its alarm is given once.
     pub(super) fn take_alarm(&mut self, alarm: &Alarm, effects: &mut Vec<Effect>) {
         let words = self.words(alarm);
         if let Alarm::Forged { from, why } = alarm {
@@ -21,7 +21,7 @@ impl Database {
         self.alarm(words, effects);
     }
 
-    /// Keeps and reports an alarm, unless it is the same as the previous one.
+    /// Keeps and reports an alarm, unless the previous alarm was the same.
     pub(super) fn alarm(&mut self, words: String, effects: &mut Vec<Effect>) {
         if self.alarms.back() != Some(&words) {
             effects.push(Effect::Alarm(words.clone()));

@@ -1,11 +1,11 @@
-//! Checks whether messages of other replicas are from the claimed sender.
+//! Checks whether messages of other replicas come from the sender that they claim.
 
 use super::Database;
 use super::question::Envelope;
 use dbmanager::logic::message::Message;
 
 impl Database {
-    /// Checks that the member `author` may send a message: it speaks for replicas of its own robot only.
+    /// Checks that the member `author` may send a message. A member speaks only for replicas of its own robot.
     ///
     /// # Errors
     /// The claimed author, and the reason for the refusal, for a user.

@@ -1,7 +1,8 @@
 //! The records of deployments that a home writes: the plan, the user who deployed it, and the result.
 //!
-//! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept. One counter
-//! gives the epochs of all names, so only the database, which has the records, knows which epochs belong to a name.
+//! The keys are `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, and each value is a table. The latest
+//! records of each name are kept. One counter gives the epochs of all names. So only the database, which has the
+//! records, knows which epochs belong to a name.
 
 use super::question::{AckLevel, Commit};
 use crate::logic::history::History;
@@ -16,7 +17,7 @@ use std::time::Duration;
 
 /// How many deployments of one name are kept.
 const KEPT: usize = 100;
-/// How many records are forgotten at a time at most.
+/// How many records are removed at a time, at most.
 const FORGOTTEN_MAX: usize = 512;
 
 /// Returns the record of the beginning of a deployment.
@@ -30,7 +31,7 @@ pub fn begun(home: &str, deployment: &Deployment, plan: &Plan, by: &str) -> Comm
     commit(home, deployment, "begun", fields)
 }
 
-/// Returns the record that a node writes. The beginning of a deployment also removes the oldest records of its name.
+/// Returns a record as the node writes it. The record of a beginning also removes the oldest records of the same name.
 pub(super) fn trimmed(mut commit: Commit, state: &State) -> Commit {
     let Some((below, begun)) = commit.writes.iter().find_map(|write| beginning(&write.key)) else { return commit };
     let epoch = |key: &Key| key.as_str().strip_prefix(&below)?.split_once('/')?.0.parse::<u64>().ok();
@@ -44,14 +45,14 @@ pub(super) fn trimmed(mut commit: Commit, state: &State) -> Commit {
     commit
 }
 
-/// Returns the prefix of all deployments of one name, and the epoch of this one, if the key is that of a beginning.
+/// If the key is that of a beginning, returns the prefix of all deployments of its name, and its epoch.
 fn beginning(key: &Key) -> Option<(String, u64)> {
     let (below, epoch) = key.as_str().strip_suffix("/begun")?.rsplit_once('/')?;
     let is_chronicle = below.starts_with("robot/") && below.split('/').nth(2) == Some("deployments");
     Some((format!("{below}/"), epoch.parse().ok().filter(|_| is_chronicle)?))
 }
 
-/// Returns the record of the end of a deployment, or nothing if its reports do not include the end.
+/// Returns the record of the end of a deployment; nothing if the end is not among the reports.
 pub fn ended(home: &str, history: &History) -> Option<Commit> {
     let fields = history.latest().find_map(|report| match report {
         Report::Finished { ending, at, unconfirmed } => Some([
@@ -93,7 +94,7 @@ fn words(ending: &Ending) -> String {
 fn commit<const N: usize>(home: &str, deployment: &Deployment, what: &str, fields: [(&str, Datum); N]) -> Commit {
     let table = fields.into_iter().map(|(name, datum)| (name.to_owned(), datum)).collect::<BTreeMap<_, _>>();
     let value = Datum::Table(table).encode().ok();
-    // A value that is too long is not written down; that the deployment ran does not depend on it.
+    // If a value is too long, no record is written. The deployment runs even without a record.
     let writes = key(home, deployment, what).filter(|_| value.is_some()).map(|key| Write { key, value });
     Commit {
         reason: format!("`{}` has {what}", deployment.name),
@@ -108,9 +109,9 @@ fn key(home: &str, deployment: &Deployment, what: &str) -> Option<Key> {
     Key::new(format!("{}{}/{what}", below(home, &deployment.name), deployment.epoch)).ok()
 }
 
-/// Returns the prefix below which the records of all deployments of one name are, by their epochs.
+/// Returns the prefix of the records of all deployments of one name. The epoch follows the prefix.
 pub fn below(home: &str, name: &str) -> String {
-    // A name may have characters that a key must not have.
+    // A name may have characters that are invalid in a key.
     let plain = |c: char| if c.is_control() || "*$?#/".contains(c) { '_' } else { c };
     let name: String = name.chars().map(plain).collect();
     format!("robot/{home}/deployments/{name}/")

@@ -1,4 +1,4 @@
-//! Answers questions about the past: history, earlier states, differences, unsettled conflicts.
+//! Answers questions about the past: history, earlier states, differences, and unsettled conflicts.
 
 use super::question::{AsOf, Choice, Commit, Reply, Resolve};
 use super::refuse::LOCAL;
@@ -19,8 +19,8 @@ impl Database {
         Past { log: self.replica.log(), state: self.state() }
     }
 
-    /// Returns the authors of changes to the keys asked for, as far as they are kept here. A replica that has joined
-    /// begins with a state, and a long log is cut.
+    /// Answers with the changes to keys and their authors, as far as these are kept here. A replica that has joined a
+    /// team begins with a state, and a long log is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
         if let Some(gone) = self.forgotten() {
             say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.place.robot)));
@@ -28,13 +28,13 @@ impl Database {
         parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
 
-    /// Returns how many transactions are not kept any more, if there are any.
+    /// Returns how many transactions are no longer kept; nothing if all are kept.
     fn forgotten(&self) -> Option<String> {
         let gone: u64 = self.replica.log().low().iter().map(|(_, seq)| seq).sum();
         (gone > 0).then(|| counted(gone, "older transaction"))
     }
 
-    /// Returns the unsettled conflicts below a prefix.
+    /// Answers with the unsettled conflicts below a prefix.
     pub(super) fn conflicts(&self, prefix: &str, say: &mut impl FnMut(Reply)) {
         let past = self.past();
         if let Some(gone) = self.forgotten() {
@@ -50,7 +50,7 @@ impl Database {
         races.for_each(|part| say(Reply::Conflicts(Vec::new(), part)));
     }
 
-    /// Returns the changes from one moment to another.
+    /// Answers with the changes from one moment to another.
     pub(super) fn diff(&self, [from, to]: [&AsOf; 2], prefix: &str, say: &mut impl FnMut(Reply)) {
         let states = self.at(from, prefix).and_then(|before| Ok((before, self.at(to, prefix)?)));
         match states {
@@ -61,7 +61,7 @@ impl Database {
         }
     }
 
-    /// Returns the state at a moment; by a date, as far as keys below `prefix` are concerned.
+    /// Returns the state at a moment. If the moment is a date, the state is right only for keys below `prefix`.
     pub(super) fn at(&self, moment: &AsOf, prefix: &str) -> Result<State, AsOfError> {
         let past = self.past();
         match moment {
@@ -78,7 +78,7 @@ impl Database {
         }
     }
 
-    /// Returns the transactions of this copy that a robot also has, as far as is known here.
+    /// Returns the transactions of this copy that the named robot has as well, as far as is known here.
     fn known_on(&self, robot: &str) -> Result<VersionVector, AsOfError> {
         let named = self.replica.members().active().filter(|(_, name)| *name == robot).map(|(origin, _)| origin);
         let origins: Vec<ReplicaId> = named.collect();
@@ -106,7 +106,7 @@ impl Database {
         version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
     }
 
-    /// Returns the state that a read finds at a moment below a prefix. Local keys have no past.
+    /// Returns the state that a read below a prefix finds at a moment. Local keys have no past.
     pub(super) fn readable(&self, prefix: &str, moment: &AsOf) -> Result<State, String> {
         match moment {
             AsOf::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
@@ -149,8 +149,8 @@ impl Database {
         }
     }
 
-    /// Returns the reply for a key without a conflict: the key has the chosen value already, or it has another one and
-    /// nothing was written.
+    /// Returns the reply for a key without a conflict. Either the key already has the chosen value, or it has another
+    /// value and nothing was written.
     fn settled_already(&self, key: &Key, choice: &Choice) -> Reply {
         let versions = self.replica.state().versions(key);
         let is_so = match choice {
@@ -171,7 +171,7 @@ impl Database {
         ))
     }
 
-    /// Returns the transaction that settles a key: one more write, which has seen all of the others.
+    /// Returns the transaction that settles a key. It is one more write, made with knowledge of all the others.
     pub(super) fn settle(&mut self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, level, within, seen } = resolve;
         let past = Past { log: self.replica.log(), state: self.replica.state() };
@@ -223,11 +223,11 @@ pub(super) fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
     say(Reply::Entries(entries));
 }
 
-/// Returns items in parts of a bounded size; there is at least one.
+/// Returns items in parts of a bounded size. At least one part is returned.
 fn parts<T: Serialize>(items: Vec<T>) -> Vec<Vec<T>> {
     let (mut parts, mut size) = (vec![Vec::new()], 0);
     for item in items {
-        // An item that cannot be encoded is reported when it is sent.
+        // An item that cannot be encoded is reported later, when it is sent.
         let bytes = postcard::to_stdvec(&item).map_or(0, |bytes| bytes.len());
         if size + bytes > REPLY_SIZE_MAX {
             parts.push(Vec::new());

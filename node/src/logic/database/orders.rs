@@ -1,4 +1,4 @@
-//! The orders of an operator: begin a team, join another one, retire a member, heal the clock.
+//! The orders of an operator: begin a team, join another team, retire a member, heal the clock.
 
 use super::question::{Own, Question, Reply};
 use super::{Database, Effect, status, table};
@@ -7,7 +7,7 @@ use dbmanager::logic::replica;
 use dbmanager::logic::version_vector::ReplicaId;
 
 impl Database {
-    /// Does what an operator wants.
+    /// Carries out the order of an operator.
     pub(super) fn operate(&mut self, now: Time, question: Question, effects: &mut Vec<Effect>) -> Reply {
         if let Some(why) = &self.disk.closed {
             return Reply::Refused(why.clone());
@@ -55,7 +55,8 @@ impl Database {
         self.found(now, effects)
     }
 
-    /// Returns why keys are not given to a robot: the team has none of that name, so nothing could be written there.
+    /// Returns why keys are not given to a robot; nothing if they may be given. Without a robot of that name in the
+    /// team, nothing could be written below these keys.
     pub(super) fn unknown_owner(&self, own: &Own) -> Option<String> {
         let robot = own.robot.as_ref().filter(|robot| **robot != self.place.robot)?;
         if !self.replica.is_member() {
@@ -85,7 +86,7 @@ impl Database {
         }
     }
 
-    /// Returns the names under which a robot is a member besides its present one.
+    /// Returns the names of a robot in the team, except its present name.
     fn older(&self, now: Time, robot: &str) -> Result<Vec<ReplicaId>, String> {
         let members = self.replica.members().active().filter(|(_, name)| *name == robot);
         let names: Vec<ReplicaId> = members.map(|(origin, _)| origin).collect();
@@ -145,7 +146,7 @@ impl Database {
         }
     }
 
-    /// Returns the other member of this name.
+    /// Returns the other member that has this name.
     fn member(&self, name: &str) -> Result<ReplicaId, String> {
         let (mine, members) = (self.replica.origin(), self.replica.members());
         if let Some(origin) = ReplicaId::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {

@@ -1,8 +1,8 @@
-//! Robots of another team that has the name of this one: it was founded separately, for example by two users in the
-//! same minute.
+//! Robots of another team with the same name as this team. That team was begun separately, for example when two users
+//! began a team in the same minute.
 //!
-//! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). Of two teams with several members an
-//! operator decides which stays; until then every member of both says so.
+//! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). If both teams have several
+//! members, an operator decides which team stays. Until then, every member of both teams reports the other team.
 
 use super::status::HEARD_WITHIN;
 use super::{Database, Place};
@@ -13,12 +13,12 @@ use std::collections::{BTreeMap, BTreeSet};
 /// How many replicas are remembered.
 const REPLICAS_MAX: usize = 64;
 
-/// The robots that said of late that they belong to another team.
+/// The robots that said recently that they belong to another team.
 #[derive(Debug, Default)]
 pub(super) struct OtherTeam(BTreeMap<ReplicaId, (String, Time)>);
 
 impl OtherTeam {
-    /// Notes that a robot has said so. Returns whether that is new.
+    /// Notes that a robot has said that it belongs to another team. Returns whether this is new.
     pub(super) fn hear(&mut self, now: Time, origin: ReplicaId, robot: &str) -> bool {
         self.0.retain(|_, (_, at)| now.since(*at) < HEARD_WITHIN);
         let is_new = !self.0.contains_key(&origin);
@@ -29,13 +29,13 @@ impl OtherTeam {
         is_new
     }
 
-    /// Returns under which name a robot was heard last.
+    /// Returns the name by which a robot was heard last.
     fn replica(&self, now: Time, robot: &str) -> Option<ReplicaId> {
         let heard = self.0.iter().filter(|(_, (name, at))| name == robot && now.since(*at) < HEARD_WITHIN);
         heard.max_by_key(|(_, (_, at))| *at).map(|(origin, _)| *origin)
     }
 
-    /// Returns the robots that were heard of lately, except those of the own team.
+    /// Returns the robots that were heard recently, except those of the own team.
     pub(super) fn robots(&self, now: Time, is_own: impl Fn(&str) -> bool) -> Vec<String> {
         let late = self.0.values().filter(|(robot, at)| now.since(*at) < HEARD_WITHIN && !is_own(robot));
         late.map(|(robot, _)| robot.clone()).collect::<BTreeSet<_>>().into_iter().collect()
@@ -43,7 +43,7 @@ impl OtherTeam {
 }
 
 impl Database {
-    /// Returns which robots do not get the writes made here although users might expect it, and where to read about it.
+    /// Returns a note about robots that do not get the writes made here although users might expect it. The note says where to read more.
     pub(super) fn unheard_by(&self, now: Time) -> Option<String> {
         let Place { robot, team, .. } = &self.place;
         if !self.replica.is_member() {
@@ -60,18 +60,18 @@ impl Database {
         })
     }
 
-    /// Returns the robots that are there and belong to another team of this name.
+    /// Returns the robots that are heard at present and belong to another team of this name.
     pub(super) fn others(&self, now: Time) -> Vec<String> {
         let members = self.replica.members();
         self.other_team.robots(now, |robot| members.active().any(|(_, member)| member == robot))
     }
 
-    /// Returns whether this robot has left its team, as one that is alone in it does, and the team of `robot` is there.
+    /// Returns whether this robot has left its team, and the team of `robot` is heard. A robot that is alone in its team leaves it then.
     pub(super) fn is_giving_way_to(&self, now: Time, robot: &str) -> bool {
         !self.replica.is_member() && self.other_team.replica(now, robot).is_some()
     }
 
-    /// Returns the replica of another team that a robot has.
+    /// Returns the replica of a robot that belongs to another team.
     pub(super) fn replica_of_other_team(&self, now: Time, robot: &str) -> Result<ReplicaId, String> {
         let Place { robot: own, team, .. } = &self.place;
         if !self.replica.is_member() {

@@ -1,10 +1,9 @@
-//! The questions of programs to the database of their node: the keys that programs may touch, and the form of questions
-//! and answers.
+//! The questions that programs ask the database of their node: which keys programs may use, and the form of questions and answers.
 //!
 //! A program reads every key except those below `sys/`. It writes below `team/`, below `robot/ROBOT/` of its own robot,
-//! and below `local/`. Keys there that steer programs and nodes (parameters, settings, records of deployments, schemas)
-//! are reserved for users. On a node in a team with keys, a program writes only the keys that its spec connects it
-//! with, because the spec is signed by a user.
+//! and below `local/`. Some of these keys steer programs and nodes: parameters, settings, records of deployments, and
+//! schemas. They are reserved for users. In a team with keys, a program writes only the keys with which its spec
+//! connects it, because a user has signed the spec.
 
 use super::question::{AckLevel, Commit, Question, Reply};
 use comms::logic::control::KeyPort;
@@ -24,10 +23,10 @@ use std::time::Duration;
 
 /// The keys below `robot/ROBOT/` that are reserved for users and for the node itself.
 const FOR_PEOPLE: [&str; 3] = ["params", "node", "deployments"];
-/// A commit to the local disk is answered when it is there; nothing else is waited for.
+/// A commit waits only for the local disk, and for nothing else.
 const WITHIN: Duration = Duration::ZERO;
 
-/// The keys that the programs of a node may touch.
+/// The keys that the programs of a node may use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Access {
     /// Name of the robot.
@@ -40,7 +39,7 @@ impl Access {
     /// Returns the question for the value of a key.
     ///
     /// # Errors
-    /// It is not a key, or programs may not read it.
+    /// The text is not a key, or programs may not read the key.
     pub fn get(&self, key: String) -> Result<Question, DatabaseRefusal> {
         let key = readable(key)?;
         Ok(Question::Get { key })
@@ -49,7 +48,7 @@ impl Access {
     /// Returns the question for a key, or for the keys below a prefix that ends in `/`.
     ///
     /// # Errors
-    /// It is not a key or a prefix, or programs may not read it.
+    /// The text is not a key or a prefix, or programs may not read it.
     pub fn follow(&self, prefix: &str) -> Result<Question, DatabaseRefusal> {
         let key = readable(prefix.strip_suffix('/').unwrap_or(prefix).to_owned())?;
         let keys = if prefix.ends_with('/') { Keys::Below(prefix.to_owned()) } else { Keys::Only(key) };
@@ -59,7 +58,7 @@ impl Access {
     /// Returns the question for a transaction of a program with these ports.
     ///
     /// # Errors
-    /// Part of it is not a key, is too long, or is not allowed to programs.
+    /// A part of the transaction is not a key, is too long, or is not permitted to programs.
     pub fn transact(&self, transaction: Transaction, ports: &[KeyPort]) -> Result<Question, DatabaseRefusal> {
         check_sizes(&transaction)?;
         let Transaction { reason, requires, writes } = transaction;
@@ -78,7 +77,7 @@ impl Access {
         Ok(Write { key, value })
     }
 
-    /// Returns why programs do not write a key, if they do not.
+    /// Returns why programs may not write a key; nothing if they may.
     fn forbids(&self, key: &Key, ports: &[KeyPort]) -> Option<String> {
         let is_connected = || ports.iter().any(|port| port.is_write && port.covers(key.as_str()));
         if self.is_team && !is_connected() {
@@ -131,17 +130,17 @@ fn required(Requirement { key, expected }: Requirement) -> Result<Require, Datab
     Ok(Require { key: readable(key)?, condition })
 }
 
-/// Returns the refusal of a request while as many as allowed have no answer.
+/// Returns the refusal of a request if the limit of unanswered requests is reached.
 pub fn busy() -> DatabaseRefusal {
     DatabaseRefusal::Busy { waiting: u32::try_from(REQUESTS_MAX).unwrap_or(u32::MAX) }
 }
 
-/// Returns the refusal of a watch while there are as many as allowed.
+/// Returns the refusal of a watch if the limit of watches is reached.
 pub fn watches_enough() -> DatabaseRefusal {
     DatabaseRefusal::Database { why: format!("a program watches {WATCHES_MAX} keys or prefixes at a time at most") }
 }
 
-/// Returns the answer to a `Get` or a `Transact`; nothing if the reply is only a note.
+/// Returns the answer to a `Get` or a `Transact`; nothing if the reply is just a note.
 pub fn answer(reply: Reply) -> Option<DatabaseAnswer> {
     if matches!(reply, Reply::Note(_)) {
         return None;
@@ -169,7 +168,7 @@ fn refusal(reply: Reply) -> DatabaseRefusal {
     DatabaseRefusal::Database { why }
 }
 
-/// Returns the next part of a watch, or nothing if the watch has to begin again.
+/// Returns the next part of a watch; nothing if the watch has to begin again.
 pub fn part(reply: Reply) -> Option<DatabaseAnswer> {
     if let Reply::Entries(entries) = reply {
         return Some(DatabaseAnswer::Present(present(entries)));
@@ -183,7 +182,7 @@ pub fn part(reply: Reply) -> Option<DatabaseAnswer> {
     let changed = |(key, datum): (Key, Option<_>)| Entry {
         is_conflict: conflicts.contains(&key),
         key: key.to_string(),
-        // A value that was stored can be encoded again.
+        // A stored value can always be encoded again.
         value: datum.and_then(|datum: Datum| datum.encode().ok()).map(stored),
         version,
     };
@@ -218,7 +217,7 @@ mod tests {
         Access { robot: "r1".into(), is_team }
     }
 
-    /// The ports of a program that may write wherever programs may.
+    /// The ports of a program that may write everything that programs may write.
     fn all() -> [KeyPort; 2] {
         ["team/", "robot/r1/"].map(|keys| KeyPort { port: "database".into(), keys: keys.into(), is_write: true })
     }
@@ -287,7 +286,7 @@ mod tests {
         assert!(refused(Transaction { writes: many, ..Transaction::default() }).starts_with("262168 bytes"));
     }
 
-    /// The typed values of programs and those of users are the same bytes.
+    /// The typed values of programs and those of users have the same bytes.
     #[test]
     fn values_are_those_of_the_database() {
         let table = database::Value::table([("x", 1.5.into()), ("on", true.into())]);

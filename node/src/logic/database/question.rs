@@ -1,6 +1,6 @@
-//! The questions of a command line to a robot's database, their answers, and the envelope of messages between replicas.
+//! The questions of a command line to a robot's database, the answers to them, and the envelope of messages between replicas.
 //!
-//! As everything in `protocol`, these types are promises to other versions: variants and fields are only appended.
+//! Like everything in `protocol`, these types are a promise to other versions: variants and fields are only appended.
 
 use comms::logic::codec::{Enveloped, Kind};
 use dbmanager::logic::key::Key;
@@ -40,78 +40,77 @@ pub enum Question {
     },
     /// Asks for the values, present or past, of the keys below a prefix. Answered by a stream of [`Reply::Entries`].
     List {
-        /// How the keys begin.
+        /// The beginning of the keys.
         prefix: String,
         /// The state of the copy that is asked for.
         at: AsOf,
     },
-    /// Write. Answered by [`Reply::Committed`]; if the call waits for more than the local disk, one of
-    /// [`Reply::Reached`] and [`Reply::Pending`] follows.
+    /// Writes keys. Answered by [`Reply::Committed`]. If the call waits for more than the local disk,
+    /// [`Reply::Reached`] or [`Reply::Pending`] follows.
     Commit(Commit),
-    /// The status of a replica and its team. Answered by [`Reply::Status`].
+    /// Asks for the status of a replica and its team. Answered by [`Reply::Status`].
     Status,
-    /// Make this robot the first member of a team. Answered by [`Reply::Done`].
+    /// Makes this robot the first member of a team. Answered by [`Reply::Done`].
     Found,
-    /// This member will never write again. Answered by [`Reply::Done`].
+    /// Retires a member, which will never write again. Answered by [`Reply::Done`].
     Retire {
-        /// Its robot's name, or the 16 digits of its origin.
+        /// The name of the member's robot, or the 16 digits of its origin.
         member: String,
     },
-    /// Dates have gone wrong: begin a new epoch of timestamps. Answered by [`Reply::Done`].
+    /// Begins a new epoch of timestamps after dates have gone wrong. Answered by [`Reply::Done`].
     HealClock,
     /// Asks for the changes and their authors. Answered by a stream of [`Reply::History`].
     History(Filter),
     /// Asks for the unsettled conflicts. Answered by a stream of [`Reply::Conflicts`].
     Conflicts {
-        /// How the keys begin.
+        /// The beginning of the keys.
         prefix: String,
     },
-    /// Settle a key. Answered as `Commit` is, or by [`Reply::Done`] if there is nothing to settle.
+    /// Settles a key. Answered in the same way as `Commit`, or by [`Reply::Done`] if nothing is to be settled.
     Resolve(Resolve),
     /// Asks for the changes between two moments. Answered by a stream of [`Reply::Differences`].
     Diff {
-        /// The earlier one.
+        /// The earlier moment.
         from: AsOf,
-        /// The later one.
+        /// The later moment.
         to: AsOf,
-        /// How the keys begin.
+        /// The beginning of the keys.
         prefix: String,
     },
-    /// Asks for the transactions of a moment. Answered by [`Reply::Version`].
+    /// Asks for the transactions that were there at a moment. Answered by [`Reply::Version`].
     Version(AsOf),
-    /// Subscribes to changes of keys. Answered by [`Reply::Version`], the place where the stream begins, and a stream
-    /// of [`Reply::Notification`].
+    /// Subscribes to changes of keys. Answered by [`Reply::Version`], which is the position where the stream begins,
+    /// and then by a stream of [`Reply::Notification`].
     Watch {
         /// The keys.
         keys: Keys,
-        /// After which transactions; nothing for now.
+        /// After which transactions the stream begins; nothing if it begins now.
         from: Option<VersionVector>,
     },
-    /// The keys below a prefix as a file. Answered by a stream of [`Reply::Text`].
+    /// Asks for the keys below a prefix as a file. Answered by a stream of [`Reply::Text`].
     Export {
-        /// How the keys begin.
+        /// The beginning of the keys.
         prefix: String,
         /// The state of the copy that is asked for.
         at: AsOf,
     },
-    /// Say who alone writes below a prefix. Answered as `Commit` is.
+    /// Gives a prefix to one robot, which alone may write below it, or to everybody. Answered in the same way as `Commit`.
     Own(Own),
     /// Asks for the owners of prefixes. Only the owner of a prefix may write below it. Answered by [`Reply::Owners`].
     Owners,
-    /// The names that a robot had before the one under which it is heard now will never write again. Answered by
-    /// [`Reply::Done`].
+    /// Retires the names that a robot had before its present one. These names will never write again. Answered by [`Reply::Done`].
     RetireOlder {
         /// The robot.
         robot: String,
     },
-    /// This robot gives up its team for that of another robot, which has the same name and was begun apart. Answered by
-    /// [`Reply::Done`].
+    /// Moves this robot from its team to the team of another robot. Both teams have the same name, and were begun
+    /// separately. Answered by [`Reply::Done`].
     Join {
         /// The robot of the other team.
         robot: String,
     },
-    /// Asks for the present values of keys, and subscribes to their changes from there. Answered by a stream of
-    /// [`Reply::Entries`], the [`Reply::Version`] at which they stand, and a stream of [`Reply::Notification`].
+    /// Asks for the present values of keys, and subscribes to later changes. Answered by a stream of
+    /// [`Reply::Entries`], the [`Reply::Version`] of these values, and a stream of [`Reply::Notification`].
     Follow {
         /// The keys.
         keys: Keys,
@@ -123,11 +122,11 @@ pub enum Question {
 pub enum AsOf {
     /// The present state.
     Now,
-    /// When it had these transactions.
+    /// The moment when the copy had just these transactions.
     Version(VersionVector),
     /// A date, in milliseconds since 1970.
     Date(u64),
-    /// The transactions of this copy that a robot has too, as far as is known here.
+    /// The transactions of this copy that the named robot has as well, as far as is known here.
     On(String),
 }
 
@@ -144,8 +143,8 @@ pub struct Resolve {
     pub level: AckLevel,
     /// The time until the answer `Pending`.
     pub within: Duration,
-    /// The writes that the caller has seen, as [`conflict::seen`](dbmanager::logic::view::conflict::seen) names them.
-    /// If others stand there, nothing is settled.
+    /// The writes that the caller has seen, as named by [`conflict::seen`](dbmanager::logic::view::conflict::seen). If
+    /// the key has other writes, nothing is settled.
     pub seen: String,
 }
 
@@ -158,7 +157,7 @@ pub enum Choice {
     By(String),
     /// The value that this transaction wrote.
     Txn(Dot),
-    /// Something else; nothing to delete it.
+    /// Another value, or nothing to delete the key.
     Value(Option<Value>),
 }
 
@@ -182,9 +181,9 @@ pub struct Commit {
 pub struct Own {
     /// The prefix, without a `/` at the end.
     pub prefix: Key,
-    /// The robot; nothing if everybody may write there.
+    /// The robot; nothing if everybody may write below the prefix.
     pub robot: Option<String>,
-    /// Whether it is taken from its owner, even if the owner is out of reach and does not know.
+    /// Whether the prefix is taken from its owner even if the owner cannot be reached and is not told.
     pub by_force: bool,
     /// The reason, for the history.
     pub reason: String,
@@ -194,7 +193,7 @@ pub struct Own {
     pub within: Duration,
 }
 
-/// A draft with its acknowledgement level and the time that it may take. `Commit` and `Own` become one.
+/// A draft with its acknowledgement level and the time that it may take. `Commit` and `Own` are converted to this form.
 #[derive(Clone, Debug)]
 pub(crate) struct WriteRequest {
     pub(crate) draft: Draft,
@@ -202,12 +201,12 @@ pub(crate) struct WriteRequest {
     pub(crate) within: Duration,
 }
 
-/// The acknowledgement level: how far a commit must get before its caller is answered.
+/// The acknowledgement level: how far a commit must get before its caller gets an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AckLevel {
-    /// To the disk of this robot.
+    /// To the local disk of this robot.
     Local,
-    /// To the disks of so many other robots.
+    /// To the disks of this number of other robots.
     Replicated(u32),
     /// To the disks of these robots.
     On(Vec<String>),
@@ -218,44 +217,44 @@ pub enum AckLevel {
 /// An element of the answer to a [`Question`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Reply {
-    /// Some keys with their versions, by stamp: a read shows the last one.
+    /// Some keys with their versions, in order of stamp. A read shows the last version.
     Entries(Vec<(Key, Vec<Version>)>),
-    /// The transaction is durable on the robot that was asked, and will be everywhere.
+    /// The transaction is on the disk of the robot that was asked, and will reach all others.
     Committed(Dot),
-    /// The transaction has reached the level that was asked for.
+    /// The transaction has reached the requested level.
     Reached(Dot),
-    /// The transaction has not reached the level in time, but still may. It stays committed.
+    /// The transaction has not reached the requested level in time, but may still reach it. It stays committed.
     Pending(Dot),
-    /// A sentence for a person: nothing was done.
+    /// A sentence for a person, which says why nothing was done.
     Refused(String),
-    /// Nothing was done: only this robot writes there.
+    /// Nothing was done, because only this robot may write below the prefix.
     NotOwner {
-        /// Its name.
+        /// The robot's name.
         owner: String,
     },
-    /// To `Status`.
+    /// The answer to `Status`.
     Status(Box<Status>),
-    /// A sentence for a person: it is done.
+    /// A sentence for a person: the request is fulfilled.
     Done(String),
     /// A sentence for a user, in addition to the answer.
     Note(String),
-    /// To `History`: the oldest first.
+    /// The answer to `History`, the oldest change first.
     History(Vec<HistoryEntry>),
-    /// To `Conflicts`.
+    /// The answer to `Conflicts`.
     Conflicts(Vec<Conflict>, Vec<Race>),
-    /// To `Diff`.
+    /// The answer to `Diff`.
     Differences(Vec<Difference>),
-    /// To `Version`.
+    /// The answer to `Version`.
     Version(VersionVector),
-    /// To `Watch`.
+    /// An element of the answer to `Watch`.
     Notification(Notification),
-    /// To `Export`: a part of the text.
+    /// The answer to `Export`: a part of the text.
     Text(String),
-    /// The answer to `Owners`: prefixes, each with its writer; none if all replicas may write.
+    /// The answer to `Owners`: prefixes, each with its only writer; no writer if all replicas may write.
     Owners(Vec<(String, Option<String>)>),
-    /// To `Commit`: nothing was done, since a condition does not hold.
+    /// The answer to `Commit` if nothing was done because a condition is not met.
     Unmet {
-        /// The key that it is about.
+        /// The key of the condition.
         key: Key,
         /// A sentence for a person.
         why: String,
@@ -264,76 +263,76 @@ pub enum Reply {
     Unknown(String),
 }
 
-/// How a replica and its team are.
+/// The status of a replica and its team.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Status {
     /// Name of the robot that was asked.
     pub robot: String,
-    /// Under which name it writes.
+    /// The name under which the replica writes.
     pub origin: ReplicaId,
     /// Name of the team.
     pub team: String,
-    /// Whether it belongs to the team.
+    /// Whether the replica belongs to the team.
     pub member: bool,
-    /// Its store.
+    /// The status of its store.
     pub store: StoreStatus,
     /// The contents of its store.
     pub contents: ContentsStatus,
-    /// How far its clock is to be believed: `unset`, `battery`, `network` or `satellite`.
+    /// How reliable its clock is: `unset`, `plausible`, `network` or `satellite`.
     pub clock: String,
-    /// The members, itself included.
+    /// The members of the team. They include the replica itself.
     pub members: Vec<MemberStatus>,
     /// The alarms, the latest last.
     pub alarms: Vec<String>,
-    /// Robots that were heard of late and belong to another team of the same name.
+    /// Robots that were heard recently and belong to another team of the same name.
     pub other_team: Vec<String>,
 }
 
 /// The store of a replica.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoreStatus {
-    /// Why it does not write, if it does not.
+    /// Why the store does not write; nothing if it does.
     pub closed: Option<String>,
-    /// Where it is; nothing if it is in memory only.
+    /// Where the store is; nothing if it is only in memory.
     pub place: Option<String>,
     /// How many transactions are kept.
     pub log_len: u64,
-    /// How many bytes they take.
+    /// How many bytes the kept transactions take.
     pub log_size: u64,
 }
 
 /// The contents of a replica.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ContentsStatus {
-    /// The transactions that it has.
+    /// The transactions that the replica has.
     pub version: VersionVector,
     /// The transactions that every member has.
     pub stable: VersionVector,
-    /// A number that replicas with the same state share.
+    /// A number that is the same for replicas with the same state.
     pub digest: String,
     /// How many keys have a value.
     pub keys: u64,
-    /// How many keys have concurrent writes that are not settled.
+    /// How many keys have concurrent writes that were not settled.
     pub conflicts: u64,
-    /// The number of keys with unsettled races, as far as the log reaches back.
+    /// The number of keys with unsettled races, as far as the log goes back.
     pub races: u64,
 }
 
-/// How a member is, as another knows it.
+/// The status of a member, as another member knows it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MemberStatus {
     /// Name of its robot.
     pub robot: String,
-    /// Under which name it writes.
+    /// The name under which the member writes.
     pub origin: ReplicaId,
-    /// When it was last heard of; nothing if never since the node was started, or if it is the replica that was asked.
+    /// How long ago the member was last heard. Nothing if it was not heard since the node was started, or is the replica that was asked.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
-    /// The transactions of this replica that it is not known to have.
+    /// The transactions of this replica that the member is not known to have.
     pub lacks: Lag,
-    /// How many transactions are known to exist there and are not here; known only where it has said so.
+    /// How many transactions the member is known to have that are missing here. This is known only if the member has reported it.
     pub ahead: u64,
-    /// Whether its lag keeps deleted keys and old transactions from being removed.
+    /// Whether deleted keys and old transactions cannot be removed because of its lag.
     pub pins: bool,
     /// Its clock, if it has reported one.
     pub clock: Option<Clock>,
@@ -342,10 +341,10 @@ pub struct MemberStatus {
 /// The clock of another robot.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Clock {
-    /// How far it is to be believed: `unset`, `battery`, `network` or `satellite`.
+    /// How reliable the clock is: `unset`, `plausible`, `network` or `satellite`.
     pub quality: String,
-    /// By how many milliseconds its clock was ahead of the clock of the replica that was asked, at the time of its
-    /// report; includes the delay between them.
+    /// By how many milliseconds the clock was ahead of the asked replica's clock, when the robot reported it. This
+    /// includes the delay between the two.
     pub ahead: i64,
 }
 

@@ -1,5 +1,5 @@
-//! Refuses some requests at once, each with one sentence: an unreachable level, an invalid key, a key in no namespace,
-//! and local keys for a caller on another machine.
+//! Refuses some requests at once, each with one sentence. The reasons are a level that cannot be reached, an invalid
+//! key, a key in no namespace, and local keys for a caller on another machine.
 
 use super::Database;
 use super::question::{AckLevel, AsOf, Commit, Question, Reply};
@@ -14,8 +14,8 @@ pub(super) const LOCAL: &str = "local/";
 const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
 
 impl Database {
-    /// Returns why a transaction cannot reach the level asked for, if a replica that it would have to reach is not
-    /// there.
+    /// Returns why a transaction cannot reach the requested level: a replica that it would have to reach is missing.
+    /// Nothing if the level may be reached.
     pub(super) fn out_of_reach(&self, level: &AckLevel) -> Option<String> {
         let members = self.replica.members().active().map(|(_, robot)| robot);
         let others: BTreeSet<&str> = members.filter(|robot| *robot != self.place.robot).collect();
@@ -43,8 +43,8 @@ impl Database {
     }
 }
 
-/// Returns why a draft is refused for its keys, if a key is invalid or in no namespace. Such a key can still be deleted
-/// if it exists.
+/// Returns why a draft is refused for its keys: a key is invalid or in no namespace. Such a key can still be deleted if
+/// it exists. Nothing if the keys are right.
 pub(super) fn namespaces(draft: &Draft) -> Option<String> {
     let written = || draft.writes().filter(|(_, value)| value.is_some()).map(|(key, _)| key);
     let granted = draft.grants().map(|(prefix, _)| prefix);
@@ -57,7 +57,7 @@ pub(super) fn namespaces(draft: &Draft) -> Option<String> {
     ))
 }
 
-/// Returns whether a key belongs to users. Keys of the database itself are refused elsewhere, with another sentence.
+/// Returns whether a key belongs to users. Keys of the database itself are refused in another place, with another sentence.
 fn is_at_home(key: &Key) -> bool {
     let segments = key.as_str().split('/').count();
     match key.namespace() {
@@ -79,10 +79,10 @@ pub(super) fn unmet_or_refused(why: &TxnError) -> Reply {
     Reply::Refused(why.to_string())
 }
 
-/// Returns the question of a caller on another machine without its local keys.
+/// Returns the question of a caller on another machine, changed so that its answer has no local keys.
 ///
 /// # Errors
-/// The question is about local keys; the text is for a person.
+/// The question is about local keys. The text is for a person.
 pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Question, String> {
     let own = |key: &Key| key.namespace() == Namespace::Local;
     let below = |prefix: &str| prefix.starts_with(LOCAL);
@@ -94,7 +94,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Quest
         }
         Question::Resolve(resolve) => own(&resolve.key),
         Question::Own(grant) => own(&grant.prefix),
-        // None of these sees anything local.
+        // The answers to these questions have no local keys.
         Question::Status
         | Question::Found
         | Question::Retire { .. }
@@ -113,7 +113,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Quest
         return Err(ELSEWHERE.to_owned());
     }
     if let Question::List { prefix, at } | Question::Export { prefix, at } = &mut question {
-        // The state at this moment, unlike the present readable state, has no local keys.
+        // The present readable state includes local keys. The same state, named by its transactions, has none.
         if LOCAL.starts_with(prefix.as_str()) && *at == AsOf::Now {
             *at = now.clone();
         }

@@ -1,13 +1,13 @@
-//! The keys of a robot for its own node: parameters of controllers, and settings of the node.
+//! The keys by which a robot configures its own node: parameters of controllers, and settings of the node.
 //!
-//! `robot/<robot>/params/<deployment>/<instance>/<parameter>`: overrides the argument that the spec gives to an
-//! instance of this host. The instance is its path without `main`, or a suffix of it:
-//! `robot/c3/params/door_opening/hit/force/threshold = 12.0`. If several keys name one instance, the one with the
-//! longest path counts.
+//! `robot/<robot>/params/<deployment>/<instance>/<parameter>` overrides the argument that the spec gives to an instance
+//! on this host. `<instance>` is the path of the instance without `main`, or the end of that path:
+//! `robot/c3/params/door_opening/hit/force/threshold = 12.0`. If several keys name one instance, the key with the
+//! longest path is used.
 //!
-//! `robot/<robot>/node/<setting>`: overrides the value the node was started with, until the key is deleted. `log` is
-//! the log filter, such as `"info"`; `agent_loss_grace` is how many seconds programs that start from then on may run
-//! after the loss of the agent.
+//! `robot/<robot>/node/<setting>` overrides the value with which the node was started, until the key is deleted. `log`
+//! is the log filter, such as `"info"`. `agent_loss_grace` is how many seconds programs may run after the loss of the
+//! agent. It applies to programs that are started after the change.
 
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::State;
@@ -15,26 +15,26 @@ use dbmanager::logic::view::value::Datum;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Where parameters are, behind the name of the robot.
+/// The position of parameters, after the name of the robot.
 const PARAMETERS: &str = "/params/";
-/// Where the settings of the node are.
+/// The position of the node's settings, after the name of the robot.
 const NODE: &str = "/node/";
 
 /// The keys below `robot/<robot>/params/` and `robot/<robot>/node/`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Settings {
-    /// Parameters, as a spec would spell them.
+    /// Parameters in the spelling of a spec.
     parameters: BTreeMap<String, String>,
     /// The filter of the node's log.
     pub log: Option<String>,
-    /// How long programs have to stop when the node is gone.
+    /// How long programs have to stop after the loss of the node.
     pub agent_loss_grace: Option<Duration>,
-    /// Sentences about settings without a meaning, for users.
+    /// Sentences for users about settings without an effect.
     pub unfit: Vec<String>,
 }
 
 impl Settings {
-    /// Reads them.
+    /// Reads the settings from the state of the database.
     pub fn of(state: &State, robot: &str) -> Self {
         let parameters = below(state, &prefix(robot, PARAMETERS)).map(|(name, datum)| (name, spelt(&datum))).collect();
         let mut settings = Self { parameters, ..Self::default() };
@@ -62,7 +62,7 @@ impl Settings {
         Ok(())
     }
 
-    /// Returns whether a key is among them.
+    /// Returns whether a key is one of the robot's parameters or settings.
     pub fn concern(robot: &str, key: &Key) -> bool {
         let own = key.as_str().strip_prefix("robot/").and_then(|rest| rest.strip_prefix(robot));
         own.is_some_and(|rest| rest.starts_with(PARAMETERS) || rest.starts_with(NODE))
@@ -84,20 +84,20 @@ impl Settings {
     }
 }
 
-/// Returns the parameters that are new or have another value now; a parameter whose key is gone has no value.
+/// Returns the parameters that are new or have changed. A parameter whose key was deleted has no value.
 pub fn changes(before: &[(String, String)], now: &[(String, String)]) -> Vec<(String, Option<String>)> {
     let new = now.iter().filter(|one| !before.contains(one)).map(|(name, value)| (name.clone(), Some(value.clone())));
     let gone = before.iter().filter(|(name, _)| !now.iter().any(|(other, _)| other == name));
     new.chain(gone.map(|(name, _)| (name.clone(), None))).collect()
 }
 
-/// Returns whether a name in a key stands for the instance with an absolute path: its path without `main`, or the end of that.
+/// Returns whether a name in a key stands for the instance with an absolute path. The name is that path without `main`, or the end of it.
 pub fn stands_for(name: &str, path: &str) -> bool {
     let path = path.split_once('/').map_or(path, |(_main, rest)| rest);
     path.strip_suffix(name).is_some_and(|before| !name.is_empty() && (before.is_empty() || before.ends_with('/')))
 }
 
-/// Reads the key of a parameter: robot, deployment, instance, name.
+/// Splits the key of a parameter into robot, deployment, instance and name.
 pub fn parameter_key(key: &str) -> Option<(&str, &str, &str, &str)> {
     let (robot, below) = key.strip_prefix("robot/")?.split_once('/')?;
     let (deployment, rest) = below.strip_prefix(PARAMETERS.trim_start_matches('/'))?.split_once('/')?;
@@ -105,7 +105,7 @@ pub fn parameter_key(key: &str) -> Option<(&str, &str, &str, &str)> {
     Some((robot, deployment, instance, name))
 }
 
-/// Returns the key of a parameter of an instance with an absolute path.
+/// Returns the key for a parameter of the instance with an absolute path.
 pub fn key_of_parameter(robot: &str, deployment: &str, path: &str, name: &str) -> String {
     let instance = path.split_once('/').map_or(path, |(_main, rest)| rest);
     format!("{}{deployment}/{instance}/{name}", prefix(robot, PARAMETERS))
@@ -115,7 +115,7 @@ fn prefix(robot: &str, below: &str) -> String {
     format!("robot/{robot}{below}")
 }
 
-/// Returns the readable values of the keys below a prefix, by the rest of the key.
+/// Returns the readable values of the keys below a prefix. Each has the rest of its key.
 fn below<'a>(state: &'a State, prefix: &'a str) -> impl Iterator<Item = (String, Datum)> {
     state.scan(prefix).filter_map(move |(key, versions)| {
         let value = versions.last()?.value.as_ref()?;
@@ -123,7 +123,7 @@ fn below<'a>(state: &'a State, prefix: &'a str) -> impl Iterator<Item = (String,
     })
 }
 
-/// Returns a value as a spec spells it.
+/// Returns a value in the spelling of a spec.
 pub fn spelt(datum: &Datum) -> String {
     if let Datum::Text(text) = datum { text.clone() } else { datum.to_toml() }
 }
@@ -189,7 +189,7 @@ mod tests {
         };
         check("main/hit/force", &[("level", "2.5"), ("mode", "soft")]);
         check("main/hit", &[("level", "3")]);
-        // A suffix of the path is enough; a longer suffix takes precedence.
+        // The end of the path is enough, and a longer end takes precedence.
         check("main/arm/hit", &[("level", "3")]);
         check("main/arm/hit/force", &[("level", "2.5"), ("mode", "soft")]);
         check("main/door/hitter", &[("level", "4")]);

@@ -1,5 +1,5 @@
-//! The status of a replica and its team: which replicas are behind, by how much, and which of them keep old data from
-//! being removed.
+//! The status of a replica and its team. It shows which replicas are behind and by how much, and which of them prevent
+//! the removal of old data.
 
 use super::Database;
 use super::question::{Clock, ContentsStatus, MemberStatus, Status, StoreStatus};
@@ -9,7 +9,7 @@ use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::past::Past;
 use std::time::Duration;
 
-/// How long a replica that has been heard of counts as there.
+/// How long a replica is considered present after it was heard.
 pub(super) const HEARD_WITHIN: Duration = Duration::from_secs(30);
 
 impl Database {
@@ -69,7 +69,7 @@ fn clock(theirs: Wall, ours: Wall) -> Clock {
 
 /// Returns how many transactions of `whole` are not in `part`.
 fn missing(whole: &VersionVector, part: &VersionVector) -> u64 {
-    // A peer may say any number.
+    // A peer may report any number.
     whole.beyond(part).iter().fold(0, |sum: u64, (origin, seq)| sum.saturating_add(seq - part.get(origin)))
 }
 

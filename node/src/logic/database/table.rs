@@ -1,4 +1,4 @@
-//! `dca db status` as text, and the refusal for a robot that the team does not have.
+//! The text of `dca db status`, and the refusal for a robot that is not in the team.
 
 use super::question::{Clock, MemberStatus, Status};
 use crate::logic::printable::one_line;
@@ -10,10 +10,10 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How many digits of a state are shown: enough to compare two by eye.
+/// How many digits of a state are shown. They are enough to compare two states by eye.
 const DIGITS: usize = 12;
-/// How far apart clocks are before that is reported. A smaller difference is the delay between two robots, or
-/// insignificant.
+/// From which difference of clocks on the difference is shown. A smaller difference is the delay between two robots, or
+/// has no importance.
 const APART: Duration = Duration::from_secs(10);
 
 /// Returns a status as text.
@@ -35,7 +35,7 @@ pub fn status(status: &Status) -> String {
     blocks.join("\n\n")
 }
 
-/// Returns the text that there are two teams of one name, and how they become one team.
+/// Returns the text which says that two teams of one name exist, and how they become one team.
 fn second_team(status: &Status) -> String {
     let (team, robots) = (&status.team, status.other_team.join("`, `"));
     format!(
@@ -45,7 +45,7 @@ fn second_team(status: &Status) -> String {
     )
 }
 
-/// Returns the one sentence that says whether anything is to be done.
+/// Returns the headline, which says whether a user has to do something.
 fn headline(status: &Status) -> String {
     let Status { robot, team, .. } = status;
     if let Some(why) = &status.store.closed {
@@ -75,10 +75,10 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
         Some(ago) => format!("{} ago", span(ago)),
         None => "not since the start".to_owned(),
     };
-    // A robot that had two disks is there twice until the older one is retired.
+    // A robot that has had two disks is listed twice until the older member is retired.
     let twice = status.members.iter().filter(|other| other.robot == member.robot).count() > 1;
     let name = if twice { format!("{} ({})", member.robot, member.origin) } else { member.robot.clone() };
-    // If a robot has several names, the present one is this robot's own, or the one that was heard last.
+    // If a robot has several names, its present name is that of the asked replica, or else the name that was heard last.
     let rank = |one: &MemberStatus| (one.origin == status.origin, one.heard.map(Reverse));
     let is_older = status.members.iter().any(|other| other.robot == member.robot && rank(other) > rank(member));
     let pins = if is_older {
@@ -92,7 +92,7 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     vec![name, heard, clock, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins]
 }
 
-/// Returns how a clock is synchronised, and how far it is from the own one.
+/// Returns how a clock is synchronised, and how far it differs from the own clock.
 fn apart(clock: &Clock) -> String {
     let Clock { quality, ahead } = clock;
     match Duration::from_millis(ahead.unsigned_abs()) {
@@ -101,13 +101,13 @@ fn apart(clock: &Clock) -> String {
     }
 }
 
-/// Returns how much a replica lacks, and since when.
+/// Returns how many transactions a replica lacks, and since when.
 fn lag(lag: Lag) -> String {
     match lag {
         Lag { transactions: 0, .. } => "-".to_owned(),
         Lag { transactions, dropped, .. } if dropped > 0 => format!("{transactions}, the whole state has to be sent"),
         Lag { transactions, bytes, since, .. } => {
-            // The time of an unkept clock would be shown as a date in 1970.
+            // If the clock was not set, its time would be shown as a date in 1970.
             let since =
                 since.filter(|since| since.trusted).map(|since| format!(", since {}", date::text(since.millis)));
             let since = since.unwrap_or_default();
@@ -150,7 +150,7 @@ fn clock(quality: &str) -> &str {
     }
 }
 
-/// Returns a time with one unit.
+/// Returns a duration with one unit.
 pub fn span(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     if seconds < 10.0 {
@@ -170,7 +170,8 @@ fn indented(text: &str) -> String {
     text.lines().map(|line| format!("  {line}").trim_end().to_owned()).collect::<Vec<_>>().join("\n")
 }
 
-/// Returns why nothing is written for a robot: the team has none of that name. None if it has, or if its members are not known.
+/// Returns why nothing is written for a robot: the team has no robot of that name. Nothing if the team has one, or if
+/// its members are not known.
 pub fn no_robot<'a>(robot: &str, members: impl Iterator<Item = &'a str>) -> Option<String> {
     let members: BTreeSet<&str> = members.collect();
     if members.is_empty() || members.contains(robot) {

@@ -1,4 +1,4 @@
-//! The watchers of a database. Each gets every change once, and a slow watcher does not delay the others.
+//! The watchers of a database. Each watcher gets every change once, and a slow watcher does not delay the others.
 
 use super::look;
 use super::question::Reply;
@@ -9,16 +9,16 @@ use dbmanager::logic::view::as_of::AsOfError;
 use dbmanager::logic::view::past::{Keys, Past};
 use dbmanager::logic::view::watch::Watch;
 
-/// How many watchers there may be at a time. The oldest watcher gives way: it can continue from its position, and a
-/// command that was killed does not sign off.
+/// How many watchers are served at a time. If more come, the oldest is dropped: it can continue from its position, or
+/// is a killed command that did not sign off.
 const WATCHERS_MAX: usize = 256;
 /// The refusal of a watcher of local keys.
 const NO_NEWS: &str = "what is below `local/` can be read and written, not watched";
-/// How much one watcher is told in one turn.
+/// How many changes one watcher is told in one turn.
 const ROOM: usize = 64;
 
 impl Database {
-    /// Begins to watch; returns from where.
+    /// Begins to watch; returns the position from which the watcher is told changes.
     pub(super) fn watch(
         &mut self,
         call: u64,
@@ -32,7 +32,7 @@ impl Database {
         Ok(from)
     }
 
-    /// Answers with the present values of keys, then with the place where they stand, and begins to watch from there.
+    /// Answers with the present values of keys and their position, and begins to watch from there.
     pub(super) fn follow(&mut self, call: u64, keys: Keys, effects: &mut Vec<Effect>) {
         let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
         let first = match &keys {
@@ -59,7 +59,7 @@ impl Database {
         }
     }
 
-    /// Gives each watcher its next changes.
+    /// Sends each watcher its next changes.
     pub(super) fn tell_watchers(&mut self, effects: &mut Vec<Effect>) {
         while self.calls.watchers.len() > WATCHERS_MAX {
             let oldest = self.calls.watchers.pop_first();

@@ -1,4 +1,4 @@
-//! The requests that need the signature of a user, the action that each needs, and its addressees.
+//! The requests that a user has to sign, the action that each of them needs, and its addressees.
 
 use crate::logic::database::question::{Commit, Question};
 use crate::logic::protocol::{ActivityInput, Request, TellRequest};
@@ -8,11 +8,11 @@ use trust::name::{Name, NoName};
 use trust::request::Audience;
 use trust::role::Action;
 
-/// The most keys of a transaction that the audit log names.
+/// How many keys of a transaction the audit log names at most.
 const KEYS_MAX: usize = 4;
 
-/// Returns the permission that the signer of a request needs; nothing for a request that changes nothing, or proves
-/// itself.
+/// Returns the permission that the signer of a request needs. Nothing is needed for a request that changes nothing, or
+/// is proved in another way.
 pub fn action(request: &Request) -> Option<Action> {
     match request {
         Request::Deploy { .. } | Request::Change(_) | Request::Switch(_) => Some(Action::Deploy),
@@ -21,8 +21,7 @@ pub fn action(request: &Request) -> Option<Action> {
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
         Request::Call(call) => of_access(call.access),
         Request::Tell(_) => Some(Action::Operate),
-        // Every user may stop everything. The set of revoked keys and the renewal request of a user are signed
-        // themselves.
+        // Every user may stop everything. The set of revoked keys and the renewal request of a user contain their own signatures.
         Request::Estop(_)
         | Request::Revoke { .. }
         | Request::Revocations(_)
@@ -138,15 +137,15 @@ fn subject_of(question: &Question) -> String {
     }
 }
 
-/// Returns the addressees of a request that is sent to a host: a request that starts something on several hosts is for
-/// those of the deployment.
+/// Returns the addressees of a request that is sent to a host. A request that starts something on several hosts is
+/// addressed to the hosts of the deployment.
 ///
 /// # Errors
 /// The host has a name that no certificate can have.
 pub fn audience(request: &Request, host: &str) -> Result<Audience, NoName> {
     match plan_of(request).map(|plan| &plan.name) {
         None => host.parse().map(Audience::Host),
-        // The plan, which is signed, has the names of the hosts.
+        // The names of the hosts are in the plan, which is signed.
         Some(name) => Ok(name.parse::<Name>().map_or(Audience::Team, Audience::Deployment)),
     }
 }

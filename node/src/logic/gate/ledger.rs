@@ -1,4 +1,4 @@
-//! The requests that a node has accepted: the numbers that are spent, and the requests by which each deployment runs.
+//! The requests that a node has accepted: the request numbers that are used up, and the requests by which each deployment runs.
 //!
 //! ```text
 //! ledger     `dca ledger 1` and a line feed, then records
@@ -6,9 +6,9 @@
 //! 1st record Form: all that was accepted before
 //! then       Entry: one request that was accepted
 //! ```
-//! So a request adds about 250 bytes to the file and takes one write to the disk, instead of a new file. An incomplete
-//! record that a power cut has left at the end does not count: its request was not carried out. A ledger that is
-//! damaged in another way is invalid.
+//! So a request adds about 250 bytes to the file with one write to the disk, and needs no new file. After a power cut,
+//! the last record may be incomplete. It is ignored, because its request was not carried out. A ledger that is damaged
+//! in another way is invalid.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -21,17 +21,17 @@ use trust::revocation::Revocations;
 
 /// The most bytes of a ledger.
 pub const LEDGER_MAX: usize = 8 << 20;
-/// How many bytes of records follow the first one; then a new ledger begins.
+/// How many bytes of records may follow the first record. After that, a new ledger is begun.
 pub const ENTRIES_MAX: usize = 1 << 20;
-/// For how many deployments it knows the last epoch; if there are more, those accepted last.
+/// For how many deployments the ledger knows the last epoch. If more deployments were accepted, the latest are kept.
 const DEPLOYMENTS_MAX: usize = 1024;
-/// How many requests of one deployment it knows: the one that began it, and the last changes.
+/// How many requests of one deployment the ledger knows: the first request, and the latest changes.
 const REQUESTS_MAX: usize = 64;
 const BEGIN: &[u8] = b"dca ledger 1\n";
 /// Length and checksums of a record, in bytes.
 const HEAD: usize = 12;
 
-/// A deployment by its home and its name: each home numbers epochs for itself.
+/// A deployment, identified by home and name, because each home counts its own epochs.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(super) struct Place {
     home: String,
@@ -42,7 +42,7 @@ pub(super) struct Place {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Running {
     epoch: u64,
-    /// By signer and number, with the time at which each was accepted.
+    /// Signer and number of each request, and the time at which it was accepted.
     requests: Vec<([u8; 32], u64, u64)>,
 }
 
@@ -53,7 +53,7 @@ pub struct Ledger {
     running: BTreeMap<Place, Running>,
 }
 
-/// All that was accepted.
+/// The first record: all that was accepted before.
 #[derive(Serialize, Deserialize)]
 struct Form {
     replays: Vec<([u8; 32], Vec<u8>)>,
@@ -64,9 +64,9 @@ struct Form {
 #[derive(Serialize, Deserialize)]
 struct Entry {
     signer: [u8; 32],
-    /// The numbers of the signer that are spent.
+    /// The numbers of the signer that are used up.
     replays: Vec<u8>,
-    /// The deployment that it is accepted for, if it starts one.
+    /// The deployment for which the request was accepted, if it starts one.
     start: Option<Start>,
 }
 
@@ -80,12 +80,12 @@ pub(super) struct Start {
     pub(super) at: u64,
 }
 
-/// A ledger as it was found.
+/// A ledger as it was read from the disk.
 #[derive(Debug)]
 pub struct Found {
     /// The ledger of accepted requests.
     pub ledger: Ledger,
-    /// Whether records can be added: no part of a torn record stands at the end.
+    /// Whether records can be added. This is not so if an incomplete record is at the end.
     pub is_whole: bool,
 }
 
@@ -101,7 +101,7 @@ impl Place {
 }
 
 impl Ledger {
-    /// Returns its form, with all that was accepted in the first record.
+    /// Returns the ledger as bytes, with all accepted requests in the first record.
     pub fn to_bytes(&self) -> Vec<u8> {
         let replays = self.replays.writes().map(|write| (write.signer.0, write.bytes)).collect();
         let running = self.running.iter().map(|(place, running)| (place.clone(), running.clone())).collect();
@@ -110,8 +110,7 @@ impl Ledger {
         bytes
     }
 
-    /// Decodes a ledger. Entries of users who were revoked since are left out, because none of their requests is
-    /// accepted any more.
+    /// Decodes a ledger. Entries of users who have been revoked since are left out, because no request of theirs is accepted any more.
     ///
     /// # Errors
     /// The bytes are not a ledger.
@@ -135,7 +134,7 @@ impl Ledger {
 
     fn restore(&mut self, signer: [u8; 32], bytes: Vec<u8>, revoked: &Revocations) -> Result<(), LedgerError> {
         let signer = KeyId(signer);
-        // Nothing was spent by a request that was accepted before its signer was left out.
+        // Without bytes, the entry has no used numbers: its signer had been left out before the request was accepted.
         if bytes.is_empty() || revoked.has(&signer) {
             return Ok(());
         }
@@ -146,26 +145,26 @@ impl Ledger {
         &mut self.replays
     }
 
-    /// Returns the highest epoch of a deployment that was accepted; 0 for none.
+    /// Returns the highest accepted epoch of a deployment; 0 if none was accepted.
     pub(super) fn epoch(&self, place: &Place) -> u64 {
         self.running.get(place).map_or(0, |running| running.epoch)
     }
 
-    /// Returns when a request was accepted for this epoch of a deployment, if it was.
+    /// Returns when a request was accepted for this epoch of a deployment; nothing if it was not.
     pub(super) fn accepted(&self, place: &Place, epoch: u64, signer: KeyId, number: u64) -> Option<UnixTime> {
         let running = self.running.get(place).filter(|running| running.epoch == epoch)?;
         let mut requests = running.requests.iter();
         requests.find(|(by, of, _)| (*by, *of) == (signer.0, number)).map(|(_, _, at)| UnixTime(*at))
     }
 
-    /// Notes the spent number of an accepted request. A request that starts something has an epoch not below the last
-    /// one of its deployment. Returns its record.
+    /// Notes that the number of an accepted request is used up. If the request starts something, its epoch must not be
+    /// below the last epoch of its deployment. Returns the record of the request.
     pub(super) fn accept(&mut self, ReplayWrite { signer, bytes }: ReplayWrite, start: Option<Start>) -> Vec<u8> {
         start.iter().for_each(|start| self.begin(signer, start.clone()));
         record(&Entry { signer: signer.0, replays: bytes, start })
     }
 
-    /// Notes that a request which was accepted before begins a later epoch of its deployment. Returns the record of it.
+    /// Notes that a request which was accepted before begins a later epoch of its deployment. Returns the record of the request.
     pub(super) fn accept_again(&mut self, signer: KeyId, start: Start) -> Vec<u8> {
         let spent = self.replays.writes().find(|write| write.signer == signer);
         let spent = spent.map_or_else(Vec::new, |write| write.bytes);
@@ -199,8 +198,8 @@ fn record(payload: &impl Serialize) -> Vec<u8> {
     bytes
 }
 
-/// Takes the next record; nothing at the end, where `left` has the rest of a record that a power cut has left: only
-/// some of its bytes, or zeros.
+/// Returns the next record. Returns nothing at the end, where `left` has the rest of an incomplete record after a power
+/// cut: some of its bytes, or zeros.
 fn next<T: DeserializeOwned>(left: &mut &[u8]) -> Result<Option<T>, LedgerError> {
     let Some((head, rest)) = left.split_at_checked(HEAD) else { return Ok(None) };
     if left.iter().all(|byte| *byte == 0) {

@@ -6,7 +6,7 @@ use crate::logic::protocol::{Answer, ChangeReply, Delivery, Report, StopReply, T
 /// The outcome of a request: done, or the reason why not, for a user.
 pub type Outcome = Result<(), String>;
 
-/// Returns the outcome of a request by an answer to it; nothing if the answer does not show the outcome yet.
+/// Returns the outcome of a request from an answer to it; nothing if the answer does not show the outcome yet.
 pub fn outcome(answer: &Answer) -> Option<Outcome> {
     match answer {
         Answer::Report(report) => of_report(report),
@@ -42,7 +42,7 @@ pub fn outcome(answer: &Answer) -> Option<Outcome> {
     }
 }
 
-/// Returns the outcome of an order by the answer of this host to the home; nothing if the answer belongs to something else.
+/// Returns the outcome of an order from this host's answer to the home; nothing if the answer is about something else.
 pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
     match answer {
         ToCoordinator::Prepared { .. } => Some(Ok(())),
@@ -54,7 +54,7 @@ pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
             ChangeReply::Failed { reason, .. } => Some(Err(reason.clone())),
             ChangeReply::Linked { .. } | ChangeReply::Healthy { .. } => None,
         },
-        // It was taken back before it had begun.
+        // The order was taken back before anything had begun.
         ToCoordinator::Released | ToCoordinator::Unconfirmed => Some(Err("it was taken back".to_owned())),
         ToCoordinator::Connected
         | ToCoordinator::MainEnded { .. }
@@ -71,7 +71,7 @@ fn of_report(report: &Report) -> Option<Outcome> {
     match report {
         Report::Go { .. } | Report::Changed { .. } => Some(Ok(())),
         Report::Refused { reasons } | Report::Unchanged { reasons, .. } => Some(Err(reasons.join("; "))),
-        // The request had not been carried out by then.
+        // The deployment has ended before the request was carried out.
         Report::Finished { .. } => Some(Err("the deployment has ended before".to_owned())),
         Report::Accepted { .. }
         | Report::Prepared { .. }

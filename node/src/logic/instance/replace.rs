@@ -1,9 +1,9 @@
 //! Another program takes the place of this one while the deployment runs.
 //!
-//! The program is asked to leave. Once nothing of it is left, the next one is started as after a restart: it finds the
-//! links and the activation of its predecessor. A new program is unhealthy if it dies, cannot make its links or aborts
-//! within its probation, or if it is a service and ends: its predecessor is started again in its place. Its supervisor
-//! hears nothing of all that.
+//! The program is asked to leave. When nothing of it is left, the next program is started as after a restart: it gets
+//! the links and the activation of its predecessor. A new program is unhealthy if it dies, cannot make its links or
+//! aborts during its probation. A service is also unhealthy if it ends. Then the predecessor is started again in its
+//! place. The supervisor of the program is told nothing of all this.
 
 use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage, watchdog};
 use crate::logic::effect::SpawnOrder;
@@ -14,12 +14,12 @@ use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::time::Duration;
 
-/// How a program is started and stopped.
+/// How a program is started, and how long its stop may take.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Start {
-    /// How it is started.
+    /// The order that starts the program.
     pub order: SpawnOrder,
-    /// How long it may take to stop.
+    /// How long the program may take to stop.
     pub stop_within: Duration,
 }
 
@@ -34,27 +34,27 @@ impl Start {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Saved {
     restarts: Restarts,
-    /// Whether the next program gets them, because it is the previous program.
+    /// Whether the next program gets these restarts, because it is the previous program.
     is_due: bool,
 }
 
 /// A program that has recently taken the place of another one.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Probation {
-    /// The program to go back to if the new one is not healthy; none once that was done.
+    /// The program that is started again if the new program is unhealthy; nothing once that was done.
     before: Option<Start>,
-    /// How long it has to stay healthy once it is up.
+    /// How long the program has to stay healthy after its start.
     length: Duration,
-    /// Whether it was activated.
+    /// Whether the program was activated.
     was_activated: bool,
-    /// The end of the probation; nothing before the program is up, and during its first `Init`.
+    /// The end of the probation. Nothing before the program has started, and nothing during its first `Init`.
     until: Option<Time>,
-    /// Whether the program was added, and so has no predecessor to go back to.
+    /// Whether the program was added. An added program has no predecessor that could be started again.
     is_new: bool,
 }
 
 impl Instance {
-    /// Returns whether a program started by this order would be the same, apart from the handling of its death or stop.
+    /// Returns whether this order would start the same program. Differences in the handling of its death or stop are ignored.
     pub fn is_same_program(&self, Start { order, .. }: &Start) -> bool {
         let mut own = self.start.order.clone();
         (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
@@ -71,14 +71,14 @@ impl Instance {
         instance
     }
 
-    /// Takes note that a program that was added is up, and its links stand.
+    /// Notes that an added program has started and has made its links.
     pub fn is_added(&mut self, context: &mut InstanceContext<'_>) {
         if self.probation.is_some() && self.stage == Stage::Idle {
             self.is_up(context);
         }
     }
 
-    /// Takes on the handling of the program's death and stop.
+    /// Adopts the new handling of the program's death and stop.
     pub fn settle(&mut self, start: Start) {
         if self.restarts.differ(&start.order.policy) {
             self.restarts = start.restarts();
@@ -86,8 +86,8 @@ impl Instance {
         self.start = start;
     }
 
-    /// Stops the program and starts this one in its place. Reports [`Note::Replaced`] when it is up, or
-    /// [`Note::Unhealthy`].
+    /// Stops the program and starts the next one in its place. Reports [`Note::Replaced`] when the next program has
+    /// started, or [`Note::Unhealthy`].
     pub fn replace(&mut self, next: Start, probation: Duration, context: &mut InstanceContext<'_>) {
         if self.is_unconfirmed() {
             let why = "what it ran before may still be there".to_owned();
@@ -115,15 +115,15 @@ impl Instance {
         }
     }
 
-    /// Puts the previous program in the place of this one, because a change is taken back. The previous program has as many
-    /// restarts left as before.
+    /// Starts the previous program in the place of this one, because a change is taken back. The previous program has
+    /// as many restarts left as before the change.
     pub fn take_back(&mut self, before: Start, probation: Duration, context: &mut InstanceContext<'_>) {
         self.saved.iter_mut().for_each(|saved| saved.is_due = true);
         self.replace(before, probation, context);
     }
 
-    /// Restarts the program because `with` of its group has died. A program that is being started is new anyway; a
-    /// program that is stopping, or is never restarted, is left as it is.
+    /// Restarts the program because another program of its group, `with`, has died. Nothing is done if the program is
+    /// being started, and so is new already. Nothing is done either if it is stopping or is never restarted.
     pub fn renew(&mut self, with: &str, context: &mut InstanceContext<'_>) {
         let runs = self.stage == Stage::Running || self.stage == Stage::Idle && self.is_controller();
         if !runs || !self.restarts.are_allowed() || self.probation.is_some() {
@@ -133,8 +133,8 @@ impl Instance {
         context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
     }
 
-    /// Stops the program, so that `next` can take its place: asks it to leave if it takes orders, otherwise has its shim
-    /// end it.
+    /// Stops the program, so that `next` can take its place. If the program takes orders, it is asked to leave.
+    /// Otherwise its shim ends it.
     fn make_place(&mut self, next: Start, takes_orders: bool, context: &mut InstanceContext<'_>) {
         let is_stopping = matches!(self.stage, Stage::Stopping { .. });
         let until = context.now + self.start.stop_within + GRACE;
@@ -148,7 +148,7 @@ impl Instance {
         }
     }
 
-    /// Lets time pass for a program that is to make room.
+    /// Handles the time limit of a program that is to make room for another.
     pub(super) fn tick_replacing(&mut self, forced: bool, is_stopping: bool, context: &mut InstanceContext<'_>) {
         if !forced {
             let until = context.now + GRACE + KILL_WITHIN;
@@ -161,7 +161,7 @@ impl Instance {
         self.finish(Ending::Unconfirmed, context);
     }
 
-    /// Starts the program that takes the place of this one, of which nothing is left.
+    /// Starts the next program in the place of this one, of which nothing is left.
     pub(super) fn replaced(&mut self, is_stopping: bool, context: &mut InstanceContext<'_>) {
         if is_stopping {
             self.finish(Ending::Stopped, context);
@@ -170,7 +170,7 @@ impl Instance {
         self.take_place(next, context);
     }
 
-    /// Takes note that the program is up and continues the work of its predecessor.
+    /// Notes that the program has started and continues the work of its predecessor.
     pub(super) fn is_up(&mut self, context: &mut InstanceContext<'_>) {
         if let Some(probation) = self.probation.as_mut().filter(|probation| probation.until.is_none()) {
             probation.until = Some(context.now + probation.length);
@@ -179,8 +179,8 @@ impl Instance {
         self.tick_probation(context);
     }
 
-    /// Notes that a controller gets the order to initialise itself. The first time, its probation restarts at the
-    /// success.
+    /// Notes that a controller gets the order to initialise itself. At the first such order, the probation is
+    /// suspended, and begins again when `Init` has succeeded.
     pub(super) fn suspend_probation(&mut self) {
         if let Some(probation) = self.probation.as_mut().filter(|probation| !probation.was_activated) {
             (probation.was_activated, probation.until) = (true, None);
@@ -192,10 +192,10 @@ impl Instance {
         self.probation.as_ref().is_some_and(|probation| probation.before.is_none() && !probation.is_new)
     }
 
-    /// Starts the previous program again, if this one is on probation; returns whether it was.
+    /// Starts the previous program again if this program is on probation; returns whether it was on probation.
     pub(super) fn put_back(&mut self, cause: &FailureCause, context: &mut InstanceContext<'_>) -> bool {
         if self.probation.take_if(|probation| probation.is_new).is_some() {
-            // Its supervisor hears nothing of it: it is stopped, and taken away again.
+            // The supervisor of this added program is told nothing: the program is stopped and removed.
             self.forget_program();
             self.stage = Stage::Waiting { until: None };
             context.notes.push(Note::Unhealthy(cause.to_string()));
@@ -216,12 +216,12 @@ impl Instance {
         true
     }
 
-    /// Returns whether it is a service that has recently taken the place of another program: its end is unhealthy then.
+    /// Returns whether the program is a service that has recently replaced another program. If it ends, it is unhealthy.
     pub(super) fn is_new_service(&self) -> bool {
         self.start.order.is_service && self.probation.is_some() && !self.is_returning()
     }
 
-    /// Returns whether a new program that says that it ends is taken for unhealthy, and ends it then.
+    /// Handles a new program that announces its end. Such a program is ended and counted as unhealthy; returns whether this was so.
     pub(super) fn is_turned_away(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) -> bool {
         let is_new = self.probation.is_some() && !self.is_returning() && self.stage == Stage::Running;
         if is_new {
@@ -232,7 +232,7 @@ impl Instance {
         is_new
     }
 
-    /// Lets the program pass if the time of its probation is over.
+    /// Declares the program healthy if the time of its probation is over.
     pub(super) fn tick_probation(&mut self, context: &mut InstanceContext<'_>) {
         if self.probation_until().is_some_and(|until| until <= context.now) {
             self.probation = None;

@@ -1,10 +1,10 @@
 //! Whether a program that has died is started again, and when.
 //!
-//! The first restart is immediate, since most programs that die work again after a restart; later pauses double. A
-//! program that has died too often is given up, and its supervisor decides: a robot that waits for one of its programs
-//! is a robot that does nothing, so the limit is a matter of seconds. A spec may say `backoff`: then the pauses grow
-//! until a program has run for some time. Each pause is shortened by a random share, so that programs that have died
-//! together, from one cause, are not restarted together.
+//! The first restart is immediate, since most programs that die work again after a restart. Before each later restart,
+//! the pause doubles. A program that has died too often is given up, and its supervisor decides what follows. A robot
+//! that waits for one of its programs does nothing, so this happens within seconds. If a spec gives `backoff`, the
+//! pauses grow until a program has run for some time. Each such pause is shortened by a random share. So programs that
+//! have died together from one cause are not restarted together.
 
 use comms::logic::random::Random;
 use comms::logic::time::Time;
@@ -13,24 +13,24 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How often a program is started again,
+/// How often a program is started again within [`WINDOW`], at most.
 pub const RESTARTS_MAX: u32 = 5;
-/// within this time.
+/// The span of time in which restarts are counted.
 pub const WINDOW: Duration = Duration::from_secs(60);
-/// The pause before the second restart; it doubles for each further restart.
+/// The pause before the second restart. It doubles with each further restart.
 const PAUSE: Duration = Duration::from_millis(100);
-/// A pause is shorter by so many thousandths of a fifth, less one at the most.
+/// A pause is shortened by a fifth times a random share. The share is in thousandths, and is below this number.
 const SHARES: u64 = 1000;
 
-/// How often one program was started again lately.
+/// How often one program was started again recently.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Restarts {
     rule: Restart,
     backoff: Option<Backoff>,
-    /// The leaf, which determines how much shorter its pauses are.
+    /// The leaf of the program. It determines by how much its pauses are shortened.
     leaf: u32,
     recent: VecDeque<Time>,
-    /// How often it was started again since it has last run for [`WINDOW`].
+    /// How often the program was started again since it last ran for [`WINDOW`].
     in_a_row: u32,
 }
 
@@ -46,17 +46,17 @@ impl Restarts {
         (self.rule, self.backoff) != (policy.restart, policy.backoff)
     }
 
-    /// Returns whether it is started again at all.
+    /// Returns whether the program is ever started again.
     pub(super) fn are_allowed(&self) -> bool {
         self.rule != Restart::Temporary
     }
 
-    /// Returns whether it is started again even though it has done its work, as exit code 0 of a plain program says.
+    /// Returns whether the program is started again even after it has done its work. A plain program shows this by exit code 0.
     pub(super) fn are_permanent(&self) -> bool {
         self.rule == Restart::Permanent
     }
 
-    /// Takes note that it has died. Returns when it is to be started again; none when it is given up.
+    /// Notes that the program has died. Returns when it is to be started again; nothing if it is given up.
     pub(super) fn next(&mut self, now: Time) -> Option<Time> {
         if !self.are_allowed() {
             return None;
@@ -80,14 +80,14 @@ impl Restarts {
         Some(now + pause)
     }
 
-    /// A pause, shorter by up to a fifth.
+    /// Returns the pause, shortened by up to a fifth.
     fn shortened(&self, pause: Duration) -> Duration {
         let mut random = Random::new((u64::from(self.leaf) << 32) | u64::from(self.in_a_row));
         let share = u32::try_from(random.below(SHARES)).unwrap_or(0);
         pause - pause / 5 * share / 1000
     }
 
-    /// Returns how often it was started again lately.
+    /// Returns how often the program was started again recently.
     pub(super) fn count(&self) -> u32 {
         u32::try_from(self.recent.len()).unwrap_or(u32::MAX)
     }
@@ -109,7 +109,8 @@ mod tests {
         Restarts::new(leaf, &Policy { restart, backoff, ..Policy::default() })
     }
 
-    /// The pauses of a program that dies as soon as it runs, in milliseconds, until it is given up; `count` at most.
+    /// Returns the pauses of a program that dies as soon as it runs, in milliseconds, until it is given up. At most
+    /// `count` pauses are returned.
     fn pauses(restarts: &mut Restarts, mut now: Time, count: usize) -> Vec<u128> {
         let mut pauses = Vec::new();
         while let Some(next) = restarts.next(now).filter(|_| pauses.len() < count) {
@@ -141,7 +142,7 @@ mod tests {
         assert!(different.len() > 25, "what died together is started again one after the other: {different:?}");
     }
 
-    /// So slowly that five do not fall into a minute, it is tried for as long as it takes.
+    /// If restarts are so slow that five do not fall into a minute, the program is never given up.
     #[test]
     fn a_slow_back_off_never_gives_up_and_keeps_its_longest_pause() {
         let mut slow = restarts(0, Restart::Permanent, Some((10_000, 30_000)));

@@ -1,18 +1,19 @@
-//! How long a program may hang. Its shim measures that, because the shim also runs while the node does not.
+//! How long a program may hang. Its shim measures this, because the shim runs even when the node does not.
 
 use language::plan::{LeafKind, Policy, Watchdog};
 use std::time::Duration;
 
-/// How long a controller may give no sign of life, unless its policy says otherwise. A starved host gives each of its threads a
-/// turn within some hundred milliseconds, so a loop that is well never takes as long.
+/// How long a controller may give no sign of life, unless its policy gives another time. A starved host gives each of
+/// its threads a turn within some hundred milliseconds. So a healthy loop never takes that long.
 pub const WATCHDOG: Duration = Duration::from_secs(5);
-/// How long a program has to say hello, and a controller for each `Init`, unless its policy says otherwise.
+/// How long a program has to say hello, and a controller to complete each `Init`, unless its policy gives another time.
 pub const READY_WITHIN: Duration = Duration::from_secs(15);
-/// A hung program has ended at the latest so long after its bound: its shim looks four times in a bound, and the kernel may
-/// write a core dump for 2 s.
+/// How long a hung program takes at most to end, after its shim has noticed the hang: the kernel may write a core dump for
+/// 2 s. The shim checks the program four times per bound. So it notices a hang within a quarter of the bound.
 const HANG_MARGIN: Duration = Duration::from_secs(3);
 
-/// Returns how long a controller has to say hello, and the shim of a plain program to be ready: that program begins later.
+/// Returns how long a controller has to say hello. For a plain program, returns how long its shim has to be ready,
+/// because the program itself begins later.
 pub(super) fn start_within(kind: LeafKind, policy: &Policy) -> Duration {
     match kind {
         LeafKind::Controller => ready_within(policy),
@@ -25,9 +26,9 @@ pub fn ready_within(policy: &Policy) -> Duration {
     policy.ready_within.unwrap_or(READY_WITHIN)
 }
 
-/// Returns the probation of a new program if `asked` was asked for: never shorter than the time to detect that it hangs
-/// from its first calculation on, but none if none was asked for. The probation of a plain program begins before it is
-/// ready.
+/// Returns the probation of a new program, for a requested probation `asked`. It is long enough to detect that the
+/// program hangs from its first calculation on. If no probation was requested, there is none. The probation of a plain
+/// program begins before it is ready.
 pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
     if asked.is_zero() {
         return asked;
@@ -40,8 +41,8 @@ pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
 }
 
 /// Returns how the shim watches a program: how long the program may give no sign of life, and how long it may prepare.
-/// A plain program is watched only if its policy says so, since most do not send signs of life. A program that must not
-/// be watched is watched only if its time to be ready is given.
+/// Most plain programs send no signs of life, so a plain program is watched for them only if its policy says so. If the
+/// policy forbids watching, the shim only watches the time to be ready, if this time is given.
 pub fn watched(kind: LeafKind, policy: &Policy) -> (Option<Duration>, Option<Duration>) {
     match (kind, policy.watchdog) {
         (LeafKind::Controller, Watchdog::Usual) => (Some(WATCHDOG), Some(ready_within(policy))),

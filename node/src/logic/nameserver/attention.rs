@@ -1,31 +1,31 @@
-//! Chooses the nodes that a node asks each second, and those it asks seldom.
+//! Chooses which nodes are asked each second, and which are asked seldom.
 //!
-//! An idle network is quiet: a node asks all others only each [`QUIET_EVERY`], and expects nothing of them in between.
-//! Each second it asks the nodes that matter now: the *close* ones, which a deployment here depends on, the doubtful
-//! ones, the newly arrived ones, and all nodes while a user looks. The silence of a host counts from when it was asked.
-//! So a host that becomes close is missing as soon as if it had been close all the time, and a host at rest is missing
-//! at the latest [`SILENCE_MAX`](super::SILENCE_MAX) after the next question to all. A lost link removes the token as
-//! well, so its host is asked at once.
+//! An idle network is quiet: a node asks all others only every [`QUIET_EVERY`], and expects no answer from them in
+//! between. It asks the nodes that matter now each second. These are the *close* nodes, on which a deployment here
+//! depends; doubtful nodes; nodes that have just come; and all nodes while a user looks. The silence of a host counts
+//! from the question to it. So a host that becomes close is missing as soon as if it had always been close. A host that
+//! is seldom asked is missing at the latest [`SILENCE_MAX`](super::SILENCE_MAX) after the next question to all. If a
+//! link is lost, its token vanishes as well, so its host is asked at once.
 
 use super::{ASK_EVERY, ASKED_MAX, Boot, NameServer, ROUNDS_MAX, Round};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How often all others are asked. An idle link may carry 52 bytes a second each way, over IPv6: a message each 7.5 s
-/// and the TCP acknowledgements are 23, questions and answers 10.
+/// How often all other nodes are asked. An idle link may carry 52 bytes a second in each direction, over IPv6. A
+/// message every 7.5 s and the TCP acknowledgements take 23 of them, questions and answers 10.
 pub(in crate::logic) const QUIET_EVERY: Duration = Duration::from_secs(60);
-/// For how long a new host is asked each second, and for how long a node that has just come asks all hosts each second.
+/// How long a new host is asked each second, and how long a new node asks all hosts each second.
 pub(in crate::logic) const NEW_FOR: Duration = Duration::from_secs(5);
-/// For how long all nodes are asked each second after a user has asked this node something.
+/// How long all nodes are asked each second after a user has asked this node a question.
 const WATCHED_FOR: Duration = Duration::from_secs(10);
-/// A node of a team proves its identity in one of this many questions to all.
+/// In one of this many questions to all, a node of a team proves its identity.
 const SHOWN_TO_ALL: u64 = 4;
-/// A node of a team proves its identity in one of this many other rounds.
+/// In one of this many other rounds, a node of a team proves its identity.
 const SHOWN: u64 = 16;
 
 impl NameServer {
-    /// Takes note of the hosts that something here depends on. A host that is new among them is asked at once.
+    /// Notes the hosts that something here depends on. A host that is new among them is asked soon.
     pub fn keep_close(&mut self, now: Time, hosts: BTreeSet<String>) {
         let before = std::mem::replace(&mut self.close, hosts);
         for host in self.close.difference(&before).cloned().collect::<Vec<_>>() {
@@ -38,18 +38,18 @@ impl NameServer {
         &self.close
     }
 
-    /// Returns the hosts that are to hear of this node all the time, so that a cut is noticed soon: the close hosts, and the hosts that
-    /// pass messages on to others.
+    /// Returns the hosts that get beats of this node, so that they notice a cut soon: the close hosts, and the hosts
+    /// that pass messages on to others.
     pub fn beaten(&self) -> BTreeSet<String> {
         self.close.iter().cloned().chain(self.helpers().into_iter().map(str::to_owned)).collect()
     }
 
-    /// Takes note that a user looks: the view is kept up to date.
+    /// Notes that a user looks. From now on, the state of all nodes is kept up to date.
     pub fn watch(&mut self, now: Time) {
         self.watched_until = now + WATCHED_FOR;
     }
 
-    /// Returns the round to ask others in, if it is time.
+    /// Returns the next round of questions, if it is due.
     pub(super) fn next_round(&mut self, now: Time) -> Option<Round> {
         let attended = if self.asked.close_at <= now { self.attended(now) } else { BTreeSet::new() };
         let is_turn = !attended.is_empty();
@@ -85,7 +85,7 @@ impl NameServer {
         Some(Round { number: self.asked.round, only, shows, through })
     }
 
-    /// Returns when the nodes that are asked each second are asked next, if there are any.
+    /// Returns when the nodes that are asked each second are asked next; nothing if there are no such nodes.
     pub(super) fn next_turn(&self) -> Option<Time> {
         let helpers = self.helpers();
         let is_any =
@@ -93,7 +93,7 @@ impl NameServer {
         is_any.then_some(self.asked.close_at)
     }
 
-    /// After an answer nothing is expected of a host that is asked seldom.
+    /// Notes an answer. If the host is seldom asked, no further answer is expected from it.
     pub(super) fn rest(&mut self, now: Time, host: &str, boot: u64) {
         let is_of_concern = self.is_of_concern(now, host, &self.helpers());
         if let Some(life) = self.life_mut(host, boot) {
@@ -105,7 +105,7 @@ impl NameServer {
     fn attended(&self, now: Time) -> BTreeSet<String> {
         let helpers = self.helpers();
         let known = self.peers.keys().filter(|host| self.is_attended(now, host, &helpers));
-        // Includes close nodes that were never heard.
+        // This includes close nodes that have never been heard.
         known.chain(&self.close).cloned().collect()
     }
 
@@ -120,7 +120,7 @@ impl NameServer {
             let is_new = life.there_since + NEW_FOR > now;
             is_new || life.doubted.is_some() || life.detour.is_some() || life.is_rival()
         };
-        // An earlier boot does not come back while a later one is there.
+        // If a later boot is present, an earlier one does not come back.
         let of_lives = |lives: &BTreeMap<u64, Boot>| {
             let mut there = lives.values().filter(|life| life.is_there()).peekable();
             there.peek().is_none() || there.any(of_life)

@@ -15,18 +15,18 @@ pub enum Change {
         host: String,
         /// Its boot number.
         boot: u64,
-        /// Where it runs, for a person.
+        /// Where it runs, for a person: its machine and process.
         place: String,
-        /// Whether another boot had the name before: that boot has lost everything.
+        /// Whether another boot had the name before. The state of that boot is lost.
         replaces: bool,
     },
     /// A node does not answer any more.
     Missing {
-        /// Its name.
+        /// The name of the node.
         host: String,
-        /// Since when.
+        /// Since when it is missing.
         since: Time,
-        /// Why, for a person.
+        /// The reason, for a person.
         why: String,
     },
     /// A node has been missing for too long.
@@ -34,38 +34,38 @@ pub enum Change {
         /// Its name.
         host: String,
     },
-    /// A node does not answer directly, and another one passes messages on in both directions.
+    /// A node does not answer directly. Another node passes messages on in both directions.
     Detour {
         /// Its name.
         host: String,
         /// Its boot number.
         boot: u64,
-        /// Name of the other one.
+        /// The name of the other node.
         via: String,
     },
-    /// A second node has a name that is taken.
+    /// A second node uses a name that is taken.
     Refused {
         /// The name.
         host: String,
-        /// Where the second runs.
+        /// Where the second node runs.
         place: String,
-        /// Where the first does.
+        /// Where the first node runs.
         first: String,
     },
-    /// Another node has this one's name.
+    /// Another node has the name of this node.
     Namesake {
-        /// Where it runs.
+        /// Where the other node runs.
         place: String,
-        /// Whether it was there first.
+        /// Whether the other node was present first.
         elder: bool,
     },
-    /// A deployment runs here and on another node of this one's name.
+    /// A deployment runs here and on another node with the name of this node.
     Twice {
-        /// Its name and epoch.
+        /// The name and the epoch of the deployment.
         deployment: String,
-        /// Where the other one runs.
+        /// Where the other node runs.
         place: String,
-        /// Whether it goes on here.
+        /// Whether the deployment continues here.
         keeps: bool,
     },
 }

@@ -1,8 +1,9 @@
-//! Nodes that do not answer directly, and that other nodes reach.
+//! Nodes that do not answer directly, but that other nodes reach.
 //!
-//! A link may be cut, in one direction or in both, while all other nodes reach both its ends. So a silent node is asked
-//! through others before it is missing, and an answer on that way counts as its answer. As long as it answers, messages
-//! take the same way. A lost node is not asked through others: it has to answer directly.
+//! A link may be cut in one direction or in both, while all other nodes reach both of its ends. So before a silent node
+//! counts as missing, it is asked through other nodes. An answer that comes this way counts as its answer. As long as
+//! the node answers this way, messages take the same way. A lost node is not asked through others: it has to answer
+//! directly.
 
 use super::{Boot, Change, NameServer, Reach, SILENCE_MAX};
 use comms::logic::time::Time;
@@ -11,21 +12,21 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long a node may be silent, in addition to its usual time to answer, before it is asked through other nodes.
+/// How long a node may be silent before it is asked through other nodes. Its usual time to answer is added.
 const SUSPECT_AFTER: Duration = Duration::from_millis(1500);
-/// Through how many other nodes it is asked at most.
+/// The most other nodes through which a node is asked.
 const THROUGH_MAX: usize = 3;
 
 /// A round of questions to other nodes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Round {
-    /// Its number.
+    /// The number of the round.
     pub number: u64,
-    /// The names of the nodes asked; none for all.
+    /// The names of the nodes that are asked; nothing for all nodes.
     pub only: Option<BTreeSet<String>>,
-    /// Whether some may not know yet who asks.
+    /// Whether this node introduces itself, because some nodes may not know it yet.
     pub shows: bool,
-    /// The questions that go through others: the helper, and the silent node.
+    /// The questions that go through other nodes: the helper, and the silent node.
     pub through: Vec<(String, String)>,
 }
 
@@ -38,27 +39,28 @@ pub struct RelayedPong<'a> {
     pub boot: u64,
     /// Boot number of the node that asked.
     pub to_boot: u64,
-    /// The question's number.
+    /// The number of the question.
     pub round: u64,
-    /// The boot that has the asker's name there, if any has.
+    /// The boot that holds the asking node's name there, if any.
     pub holder: Option<u64>,
-    /// Name of the node that has passed it on.
+    /// Name of the node that has passed the answer on.
     pub via: &'a str,
 }
 
-/// The way to a node that does not answer itself.
+/// The way to a node that does not answer directly.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Detour {
     via: String,
-    /// When its last answer came that way.
+    /// When the last answer came this way.
     pub(super) heard: Time,
 }
 
 impl NameServer {
-    /// Takes an answer that another node has passed on.
+    /// Notes an answer that another node has passed on.
     pub fn answered_through(&mut self, now: Time, pong: RelayedPong<'_>) {
         let is_asked = self.asked.rounds.iter().any(|(round, _)| *round == pong.round) && pong.to_boot == self.boot;
-        // A node that has lost this node, or deals with another node of its name, does not take its messages.
+        // The answering node may have lost this node, or may communicate with another node of its name. Then it takes
+        // no messages of this node.
         if !is_asked || pong.holder != Some(self.boot) || pong.from == self.host || !self.reaches_directly(pong.via) {
             return;
         }
@@ -83,18 +85,18 @@ impl NameServer {
         }
     }
 
-    /// Returns the node through which messages to another node go, if they do not go directly.
+    /// If messages to a node do not go directly, returns the node that passes them on.
     pub fn detour(&self, host: &str) -> Option<&str> {
         let via = self.held(host)?.detour.as_ref()?.via.as_str();
         self.reaches_directly(via).then_some(via)
     }
 
-    /// Returns whether a node answers itself.
+    /// Returns whether a node answers directly.
     pub fn reaches_directly(&self, host: &str) -> bool {
         self.held(host).is_some_and(|life| life.is_there() && life.detour.is_none())
     }
 
-    /// Returns which nodes are asked through which other nodes.
+    /// Returns which nodes are asked through which helpers.
     pub(super) fn asked_through(&self, now: Time) -> Vec<(String, String)> {
         let is_asked = |host: &&String| {
             **host != self.host && self.held(host).is_some_and(|life| !life.is_lost() && life.is_suspect(now))
@@ -108,8 +110,8 @@ impl NameServer {
         let helpers: Vec<&String> = self.peers.keys().filter(helps).collect();
         let mut through = Vec::new();
         for host in silent {
-            // The present way comes first, so that it is kept; then the node that has answered last, which is certainly
-            // there.
+            // The present helper comes first, so that it is kept. Then comes the node with the latest answer: it is the
+            // most certain to be present.
             let present = self.detour(host);
             let mut via: Vec<&String> = helpers.clone();
             via.sort_by_key(|via| (Some(via.as_str()) != present, Reverse(self.heard(via))));
@@ -120,7 +122,7 @@ impl NameServer {
 }
 
 impl Boot {
-    /// Returns whether something speaks against it, or it does not answer itself.
+    /// Returns whether the boot may be gone or does not answer directly.
     fn is_suspect(&self, now: Time) -> bool {
         self.doubted.is_some()
             || !self.is_there()
@@ -128,12 +130,12 @@ impl Boot {
             || self.owes.is_some_and(|since| since + SUSPECT_AFTER + 2 * self.last.took <= now)
     }
 
-    /// Returns when its last answer came, whichever way.
+    /// Returns when the last answer of the boot came, directly or through another node.
     pub(super) fn last_heard(&self) -> Time {
         self.detour.as_ref().map_or(self.last.heard, |detour| self.last.heard.max(detour.heard))
     }
 
-    /// Returns from when its silence counts, and until when it may last; none while no answer is expected.
+    /// Returns the time from which its silence counts, and the time until which it may last. Returns nothing while no answer is expected.
     pub(super) fn silent_at(&self) -> Option<(Time, Time)> {
         let owes = self.owes?;
         let since = self.detour.as_ref().map_or(owes, |detour| owes.max(detour.heard));

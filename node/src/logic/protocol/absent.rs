@@ -7,11 +7,11 @@ use std::time::Duration;
 /// The answer to [`super::Request::Absent`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Absent {
-    /// Hosts that were there and do not answer.
+    /// Hosts that were present earlier and do not answer now.
     pub hosts: Vec<AbsentHost>,
-    /// Deployments that have ended, and that some host has not confirmed.
+    /// Deployments that have ended, if some host has not confirmed the end.
     pub ends: Vec<OpenEnd>,
-    /// Processes of deployments that run, on hosts that do not answer.
+    /// Processes of running deployments on hosts that do not answer.
     pub processes: Vec<AbsentProcess>,
 }
 
@@ -20,10 +20,10 @@ pub struct Absent {
 pub struct AbsentHost {
     /// Its name.
     pub host: String,
-    /// How long ago its node answered last, or its link stood.
+    /// How long ago its node last answered, or its link was last up.
     #[serde(with = "comms::logic::human::seconds")]
     pub heard: Duration,
-    /// Whether it counts as lost; else it is missing.
+    /// Whether it counts as lost. Otherwise it is missing.
     pub lost: bool,
 }
 
@@ -34,7 +34,7 @@ pub struct OpenEnd {
     pub deployment: Deployment,
     /// The host of `main`.
     pub home: String,
-    /// The hosts that have not confirmed that nothing of it is left.
+    /// The hosts that have not confirmed that nothing of the deployment is left.
     pub hosts: Vec<OpenHost>,
 }
 
@@ -43,14 +43,14 @@ pub struct OpenEnd {
 pub struct OpenHost {
     /// Its name.
     pub host: String,
-    /// Why the host has not confirmed it.
+    /// Why the host has not confirmed this.
     pub why: Why,
-    /// How long ago its node answered last, if the node does not answer now and was ever heard.
+    /// How long ago its node last answered. Nothing if the node answers now, or if it was never heard.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
 }
 
-/// Why a host has not confirmed that nothing is left.
+/// Why a host has not confirmed that nothing of a deployment is left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Why {
@@ -60,14 +60,14 @@ pub enum Why {
     Late,
     /// Its node could not end everything.
     Unable,
-    /// The home was started again, and has not heard of it since.
+    /// The home was restarted, and has not heard of the host since then.
     Restarted,
 }
 
-/// A process of which nothing is known, since its host does not answer.
+/// A process whose state is unknown, because its host does not answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AbsentProcess {
-    /// Of which deployment.
+    /// The deployment of the process.
     pub deployment: Deployment,
     /// The host.
     pub host: String,

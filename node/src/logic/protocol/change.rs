@@ -9,7 +9,7 @@
 //!   ──Adopt────▶  connection sets  ──Healthy──▶  once new programs have passed their probation
 //!                                  ──Failed───▶  one has not; on its host the program before is started again
 //! ```
-//! A change that has failed on a host is taken back by the same steps from `Apply` on, with the previous plan.
+//! If a change fails on a host, it is undone by the same steps from `Apply` on, with the previous plan.
 
 use super::LeafFacts;
 use language::plan::Plan;
@@ -19,30 +19,30 @@ use std::time::Duration;
 /// A request to change a running deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChangeRequest {
-    /// Its name.
+    /// The name of the deployment.
     pub name: String,
-    /// The epoch that was seen.
+    /// The epoch that the user has seen.
     pub epoch: u64,
-    /// The revision that was seen: another one since then refuses the change.
+    /// The revision that the user has seen. If it has changed since then, the change is refused.
     pub revision: u32,
-    /// The new plan, with numbers of its own.
+    /// The new plan, with its own numbers.
     pub plan: Plan,
-    /// Processes whose programs are started again although their plan is the same: absolute paths.
+    /// Processes whose programs are restarted although their plan is the same: absolute paths.
     pub again: Vec<String>,
     /// How long a new program has to stay healthy; otherwise its predecessor is restored.
     pub probation: Duration,
-    /// The user who wants it, for the records, such as `ann@c1`.
+    /// The user who makes the change, for the records, such as `ann@c1`.
     pub by: String,
 }
 
-/// The deployment that runs under a name, and the revision of its plan.
+/// The running deployment of a name, and the revision of its plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Revision {
     /// The epoch of the deployment.
     pub epoch: u64,
-    /// How often it was changed since it was deployed.
+    /// The number of changes since it was deployed.
     pub revision: u32,
-    /// Its present plan: during a change the next one, once the hosts take it on.
+    /// The present plan. During a change, this is the next plan as soon as the hosts apply it.
     pub plan: Plan,
     /// The change that is being made.
     pub change: Option<ChangeUnderway>,
@@ -51,9 +51,9 @@ pub struct Revision {
 /// A change that is being made.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeUnderway {
-    /// The revision of the deployment once the change has held.
+    /// The revision that the deployment gets when the change is complete.
     pub revision: u32,
-    /// The user who wants it.
+    /// The user who makes the change.
     pub by: String,
     /// The stage of the change.
     pub stage: ChangeStage,
@@ -63,58 +63,58 @@ pub struct ChangeUnderway {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChangeStage {
-    /// The hosts examine whether the change could be made; nothing has changed.
+    /// The hosts examine whether the change can be made. Nothing has changed.
     Examined,
     /// Programs are started and links made.
     Applied,
-    /// It is made, and new programs have to stay healthy.
+    /// The change is made, and new programs have to stay healthy for a while.
     Probation,
-    /// It has failed, and the previous state is restored.
+    /// The change has failed, and the previous state is being restored.
     TakenBack,
 }
 
 /// A step of a change, from the home to a host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ChangeOrder {
-    /// Say whether this plan could be taken on here.
+    /// Say whether this host could apply the plan.
     Examine {
-        /// Numbers the change, and is echoed.
+        /// The number of the change; the answer repeats it.
         number: u32,
-        /// The next plan, with the numbers of the running one.
+        /// The next plan, which keeps the numbers of the running plan.
         plan: Plan,
     },
-    /// Take the plan on: end and start programs. The connection sets stay as they are.
+    /// Apply the plan: end and start programs. The connection sets stay unchanged.
     Apply {
-        /// Echoed.
+        /// The number of the change; the answer repeats it.
         number: u32,
         /// The next plan.
         plan: Plan,
-        /// Leaves whose programs are started again although their plan is the same.
+        /// Leaves whose programs are restarted although their plan is the same.
         again: Vec<u32>,
         /// How long a new program has to stay healthy.
         probation: Duration,
     },
-    /// Make the links of the plan that was applied, in addition to the present ones.
+    /// Make the links of the applied plan, in addition to the present links.
     Link {
-        /// Echoed.
+        /// The number of the change; the answer repeats it.
         number: u32,
     },
-    /// Use the connection sets of the plan that was applied.
+    /// Use the connection sets of the applied plan.
     Adopt {
-        /// Echoed.
+        /// The number of the change; the answer repeats it.
         number: u32,
     },
-    /// The change is made, or taken back, everywhere: programs that only the previous plan has leave, and their devices
-    /// are free. Not answered.
+    /// The change is complete or undone everywhere. Programs that only the previous plan has end, and their devices are
+    /// free. This has no answer.
     Settle {
         /// The change.
         number: u32,
     },
-    /// `Link`, where programs were added.
+    /// The same as `Link`, if programs were added.
     LinkAlso {
-        /// Echoed.
+        /// The number of the change; the answer repeats it.
         number: u32,
-        /// Where those programs are.
+        /// Where the added programs are.
         facts: Vec<LeafFacts>,
     },
 }
@@ -122,38 +122,38 @@ pub enum ChangeOrder {
 /// The answer of a host.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ChangeReply {
-    /// To `Examine`.
+    /// The answer to `Examine`.
     Examined {
-        /// As ordered.
+        /// The number of the order.
         number: u32,
-        /// The reasons against the plan; none if the host could take it on.
+        /// The reasons against the plan; none if the host could apply it.
         reasons: Vec<String>,
     },
-    /// To `Apply`: every program of the host is up again.
+    /// The answer to `Apply`: every program of the host runs again.
     Applied {
-        /// As ordered.
+        /// The number of the order.
         number: u32,
     },
-    /// To `Link`: every new link of the host stands.
+    /// The answer to `Link`: every new link of the host is up.
     Linked {
-        /// As ordered.
+        /// The number of the order.
         number: u32,
     },
-    /// To `Adopt`: every new program of the host has passed its probation.
+    /// The answer to `Adopt`: every new program of the host has passed its probation.
     Healthy {
-        /// As ordered.
+        /// The number of the order.
         number: u32,
     },
-    /// A new program was unhealthy, and its predecessor was restored; or its links could not be made.
+    /// A new program was unhealthy, and its predecessor was restored. Or the links of a new program could not be made.
     Failed {
-        /// As ordered.
+        /// The number of the order.
         number: u32,
         /// A sentence for a person.
         reason: String,
     },
-    /// The answer to `Apply`: every program of the host is up, including the added ones.
+    /// The answer to `Apply`: every program of the host runs, including the added ones.
     Joined {
-        /// As ordered.
+        /// The number of the order.
         number: u32,
         /// The locations of the added programs.
         facts: Vec<LeafFacts>,
@@ -161,7 +161,7 @@ pub enum ChangeReply {
 }
 
 impl ChangeOrder {
-    /// Returns the answer of a host that cannot carry the step out.
+    /// Returns the answer of a host that cannot carry out the step.
     pub fn failed(&self, reason: String) -> ChangeReply {
         let (Self::Examine { number, .. }
         | Self::Apply { number, .. }

@@ -1,4 +1,4 @@
-//! The calendar clock of a host, as its node reads it when it is asked.
+//! The calendar clock of a host, as its node reads it for an answer.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -13,13 +13,13 @@ pub struct ClockReading {
     pub keeping: ClockKeeping,
 }
 
-/// Whether a calendar clock is kept in step with others.
+/// Whether a calendar clock is synchronised with other clocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClockKeeping {
-    /// The kernel says that it is.
+    /// The kernel reports that it is synchronised.
     Kept,
-    /// It is not; it shows a date that may be right.
+    /// It is not synchronised. It shows a date that may be right.
     Unkept,
     /// It shows a date that cannot be right.
     Unset,

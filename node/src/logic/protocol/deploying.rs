@@ -11,101 +11,101 @@ use std::time::Duration;
 /// When the programs of the first step of a deployment begin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StartMode {
-    /// Each as soon as it can.
+    /// Each program begins as soon as it can.
     #[default]
     AtOnce,
-    /// All at one moment, as exactly as the clocks of the hosts can be compared.
+    /// All programs begin at one moment, as exactly as the clocks of the hosts can be compared.
     Aligned,
 }
 
-/// From a host that takes part in a deployment to its home.
+/// A message of a participating host to the home of a deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ToCoordinator {
-    /// Every program is started and has told where it is.
+    /// Every program has started, and has reported its place.
     Prepared {
-        /// One entry for each leaf of the host.
+        /// One entry for each leaf on the host.
         facts: Vec<LeafFacts>,
-        /// Names the machine and its network: programs with the same one reach each other's Unix sockets.
+        /// Identifies the machine and its network. Programs with the same value can reach each other's Unix sockets.
         machine: String,
     },
-    /// Not possible, with every reason at once.
+    /// The host cannot take part. All reasons are given at once.
     Refused {
         /// Sentences for a person.
         reasons: Vec<String>,
     },
-    /// Every link of the host's programs stands, all closed.
+    /// Every link of the host's programs is up. All wires are closed.
     Connected,
-    /// Nothing of it is left here.
+    /// Nothing of the deployment is left on the host.
     Released,
     /// `main` has ended.
     MainEnded {
         /// How it ended.
         ending: Ending,
     },
-    /// For the users who watch.
+    /// A change of a process, for users who watch.
     Happened {
         /// The process.
         target: Target,
         /// The change.
         change: Change,
     },
-    /// Everything was done to end it here, and something may be left.
+    /// Everything was done to end the deployment on the host, but something of it may be left.
     Unconfirmed,
-    /// To a step of a change while it runs.
+    /// The answer to a step of a change.
     Change(ChangeReply),
-    /// For the record: the reaction of a supervisor to some events.
+    /// The steps of a supervisor, for the record.
     Stepped {
-        /// Its group.
+        /// The group of the supervisor.
         group: u32,
-        /// The number of the first step, from 0 on.
+        /// The number of the first of these steps. Steps are counted from 0.
         number: u64,
-        /// The events, and the supervisor's commands.
+        /// The events and the supervisor's commands.
         steps: Vec<StepRecord>,
     },
     /// The result of [`ToParticipant::SwitchSets`].
     SetsSwitched {
-        /// As ordered.
+        /// The number of the call in the order.
         call: u64,
-        /// How it went, or why nothing was switched.
+        /// The result of the switch, or the reason why nothing was switched.
         switched: Result<SetsSwitched, String>,
     },
-    /// To [`ToParticipant::ReadClock`].
+    /// The answer to [`ToParticipant::ReadClock`].
     ClockRead {
-        /// As asked.
+        /// The time in the question.
         asked: Time,
         /// The time of the host's monotonic clock.
         shown: Time,
     },
-    /// The moment of [`ToParticipant::GoAt`] was over when the host heard of it, or looked at its clock again.
+    /// When the host received [`ToParticipant::GoAt`] or next looked at its clock, the moment was already over.
     BeganLate {
-        /// By how much.
+        /// How late the host was.
         by: Duration,
     },
     /// The answer of an activity to [`ToParticipant::Tell`].
     Answered {
-        /// As ordered.
+        /// The number of the call in the order.
         call: u64,
-        /// The reaction of the activity, or why the activity has not taken the order.
+        /// The reaction of the activity, or the reason why it has not accepted the order.
         taken: Result<Taken, String>,
     },
 }
 
-/// From the home of a deployment, or a supervisor of it, to a host that takes part.
+/// A message of the home of a deployment, or of one of its supervisors, to a participating host.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ToParticipant {
-    /// Start every program of yours, idle.
+    /// Start all of your programs. They stay idle.
     Prepare {
         /// The whole plan of the deployment.
         plan: Plan,
     },
     /// Make the links.
     Connect {
-        /// Facts of every leaf of the deployment.
+        /// The facts of every leaf of the deployment.
         facts: Vec<LeafFacts>,
-        /// The machine of each host of the plan, in the plan's order.
+        /// The machine of each host, in the order of the hosts in the plan.
         machines: Vec<String>,
     },
-    /// The whole tree is confirmed; from now on activations may come.
+    /// The whole tree is confirmed. From now on, activations may come.
     Go,
     /// End every program and forget the deployment.
     Release,
@@ -113,9 +113,9 @@ pub enum ToParticipant {
     Activate {
         /// The process.
         target: Target,
-        /// Echoed in the ending.
+        /// The number of the activation; its end repeats it.
         activation: u32,
-        /// For its `Init`.
+        /// The value for its `Init`.
         value: Vec<u8>,
     },
     /// Stop a process.
@@ -125,7 +125,7 @@ pub enum ToParticipant {
         /// The number of the activation.
         activation: u32,
     },
-    /// A process that you supervise has ended: exactly one for each activation.
+    /// A process that you supervise has ended. There is exactly one such message for each activation.
     Ended {
         /// The process.
         target: Target,
@@ -134,85 +134,85 @@ pub enum ToParticipant {
         /// How it ended.
         ending: Ending,
     },
-    /// Open or close wires whose producers are yours.
+    /// Open or close wires of your producers.
     Switch {
         /// Indices into `Plan::wires`.
         wires: Vec<u32>,
-        /// Open or close.
+        /// Whether to open or to close the wires.
         open: bool,
-        /// The group whose supervisor asks, and its number for this, echoed.
+        /// The group whose supervisor asks. The answer repeats it.
         group: u32,
-        /// The generation of the order.
+        /// The supervisor's number for this order. The answer repeats it.
         generation: u64,
     },
-    /// The wires that a group of yours asked for are switched.
+    /// The wires that one of your groups has asked for are switched.
     Switched {
         /// The group whose supervisor gave the order.
         group: u32,
         /// The generation of the order.
         generation: u64,
     },
-    /// A program of the sender was started again: programs of yours dial it.
+    /// A program of the sender was restarted, and programs of yours dial it.
     Moved {
         /// The facts of the new program.
         facts: LeafFacts,
     },
-    /// A group that you supervise has ended, or ends with the next message, and lost hosts may still do something for
-    /// it: its resources are not free. The latest message counts.
+    /// A group that you supervise has ended, or ends with the next message. Lost hosts may still do something for it,
+    /// so its resources are not free. The latest of these messages counts.
     Loose {
         /// The group.
         target: Target,
-        /// The hosts; none when all is known.
+        /// The lost hosts; none once everything is known.
         hosts: Vec<String>,
     },
-    /// Nothing of the deployment is left on a host that was lost, or has left.
+    /// Nothing of the deployment is left on a host that was lost or has left.
     Cleared {
         /// The host.
         host: String,
     },
     /// A step of a change while it runs.
     Change(ChangeOrder),
-    /// The program of a process that you supervise has died, and is started again.
+    /// The program of a process that you supervise has died and is being restarted.
     Restarted {
-        /// Which process.
+        /// The process.
         target: Target,
         /// The cause of its death.
         cause: FailureCause,
     },
-    /// Start these programs of yours again, together with one that has died.
+    /// Restart these programs of yours, together with a program that has died.
     Renew {
         /// Indices into `Plan::leaves`.
         leaves: Vec<u32>,
-        /// Absolute path of the dead one.
+        /// The absolute path of the program that has died.
         with: String,
     },
-    /// Start every program of yours again, idle: you were lost, or have left, and nothing of the deployment is left at yours.
+    /// Start all of your programs again. They stay idle. You were lost or have left, and nothing of the deployment is left on your host.
     Rejoin {
         /// The whole present plan of the deployment.
         plan: Plan,
-        /// How many times this has been done for the deployment, from 1. Your supervisors number their orders from it
-        /// on, so that an answer that was on its way when you were lost is not mistaken for a new one.
+        /// How many times hosts have rejoined this deployment, counted from 1. Your supervisors number their orders
+        /// from this number on. So an answer from before you were lost is not mistaken for a new answer.
         number: u32,
-        /// Since GO at the home.
+        /// The time since GO at the home.
         since_go: Duration,
     },
-    /// A host has its programs up again: open the wires again that they produce.
+    /// The programs of a host run again. Open the wires of your programs to that host again.
     Reopen {
         /// The host.
         host: String,
     },
-    /// An order that starts something, with the request of a user: nodes in a team take such an order only in this form.
+    /// An order that starts something, with the request of a user. Nodes in a team accept such an order only in this form.
     Ordered(Box<Ordered>),
-    /// Flip wires whose producers are yours, each producer all its wires between two values. Answered by `Switched`.
+    /// Flip wires of your producers. Each producer switches all of its wires between two values. Answered by `Switched`.
     Flip {
-        /// The group whose supervisor asks, and its number for this, echoed.
+        /// The group whose supervisor asks. The answer repeats it.
         group: u32,
-        /// The generation of the order.
+        /// The supervisor's number for this order. The answer repeats it.
         generation: u64,
-        /// The wires.
+        /// The wires to flip.
         flip: Flip,
     },
-    /// A program of yours is to expect a switch of its inputs. Answered by `Expecting` and then by `Taken`.
+    /// Tell a program of yours to expect a switch of its inputs. Answered by `Expecting`, and then by `Taken`.
     Expect {
         /// The group whose supervisor asks.
         group: u32,
@@ -221,42 +221,42 @@ pub enum ToParticipant {
         /// Its inputs.
         expect: Expect,
     },
-    /// A program expects a switch that a group of yours has asked for.
+    /// A program expects a switch that one of your groups has asked for.
     Expecting {
         /// The group.
         group: u32,
         /// The program.
         leaf: u32,
-        /// The switch.
+        /// The number of the switch.
         generation: u64,
     },
-    /// A program has taken a switch that a group of yours has asked for, or no longer waits for it.
+    /// A program has completed a switch that one of your groups has asked for, or no longer waits for it.
     Taken {
         /// The group.
         group: u32,
         /// The program.
         leaf: u32,
-        /// The switch.
+        /// The number of the switch.
         generation: u64,
-        /// How many values were sent over closed wires, and have not arrived.
+        /// How many values were sent over closed wires and have not arrived.
         lost: u64,
-        /// How many values were dropped since they came too late.
+        /// How many values were dropped because they came too late.
         late: u64,
-        /// Wires that nothing was heard of in time.
+        /// Wires on which nothing arrived in time.
         missing: Vec<u32>,
     },
-    /// Switch a running member to other connection sets of its own.
+    /// Switch a running member to other connection sets that it has.
     SwitchSets {
         /// The group.
         group: u32,
         /// The member.
         slot: u32,
-        /// Indices into its sets.
+        /// Indices of the sets that should be open.
         sets: Vec<u32>,
-        /// Echoed.
+        /// The number of the call; the answer repeats it.
         call: u64,
     },
-    /// Like `Expect`. When all values before the switch have had their calculation, the program flips its own outputs.
+    /// The same as `Expect`. When all values from before the switch have been processed, the program also flips its own outputs.
     ExpectAnd {
         /// The group whose supervisor asks.
         group: u32,
@@ -264,60 +264,58 @@ pub enum ToParticipant {
         leaf: u32,
         /// Its inputs.
         expect: Expect,
-        /// The switch of its outputs. Wires that it only opens are open before the first calculation after the switch.
+        /// The switch of its outputs. Wires that are only opened are open before the first calculation after the switch.
         then: Flip,
     },
-    /// A program of yours is to take the place of another one, which keeps running in the meantime. Answered by
-    /// `Succeeding`.
+    /// Let a program of yours take the place of another program, which keeps running until then. Answered by `Succeeding`.
     Succeed {
         /// The group whose supervisor asks.
         group: u32,
         /// The program.
         leaf: u32,
-        /// The activation of the other one.
+        /// The activation of the other program.
         activation: u32,
-        /// For its `Init`.
+        /// The value for its `Init`.
         value: Vec<u8>,
     },
-    /// A program is initialised, and runs beside its predecessor.
+    /// A program is initialised and runs beside its predecessor.
     Succeeding {
         /// The group.
         group: u32,
         /// The program.
         leaf: u32,
-        /// Whether the predecessor is there, so that it can hand its connections over.
+        /// Whether the predecessor still exists, so that it can hand over its connections.
         is_handed_over: bool,
     },
-    /// Report your monotonic clock: the start is aligned. Nothing is activated before `GoAt`, or `Go`. Answered by
-    /// `ClockRead`.
+    /// Report your monotonic clock, for an aligned start. Nothing is activated before `GoAt` or `Go`. Answered by `ClockRead`.
     ReadClock {
-        /// When the home asks, on its own clock; echoed.
+        /// When the home asks, on its own clock. The answer repeats it.
         asked: Time,
     },
-    /// As `Go`; and programs that are activated before a moment begin at that moment.
+    /// The same as `Go`. Also, programs that are activated before a certain moment begin at that moment.
     GoAt {
         /// The moment, on the clock of the receiver.
         start: Time,
     },
-    /// An activity that you supervise is told of something. An activity that does not run drops it.
+    /// An activity that you supervise gets a message or a notice. An activity that does not run ignores it.
     Tell {
-        /// The group that is the activity.
+        /// The group of the activity.
         group: u32,
         /// The message or the notice.
         told: ActivityInput,
-        /// The user who gives it; none if a node noticed it.
+        /// The user who gives it; nothing if a node has noticed it.
         by: Option<String>,
-        /// The call that waits for [`ToCoordinator::Answered`]; none if no user waits.
+        /// The call that waits for [`ToCoordinator::Answered`]; nothing if no user waits.
         call: Option<u64>,
     },
-    /// The consumer of these wires was started again: send it their last values.
+    /// The consumer of these wires was restarted. Send it their last values again.
     Repeat {
         /// Numbers of latched wires.
         wires: Vec<u32>,
     },
 }
 
-/// The reaction of an activity to an order that it has taken.
+/// The reaction of an activity to an order that it has accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Taken {
     /// It has reacted.
@@ -340,11 +338,11 @@ pub enum ActivityInput {
         /// The priority.
         priority: u8,
     },
-    /// An order to suspend or to resume, or news of the surroundings.
+    /// An order to suspend or to resume, or a notice about a host, a member or a parameter.
     Notice(Notice),
     /// An answer to a question.
     Answer {
-        /// The number of the question, counted from 1 by the supervisor.
+        /// The number of the question. The supervisor counts questions from 1.
         question: u64,
         /// The answer.
         option: String,

@@ -4,20 +4,20 @@ use crate::logic::printable::printable;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// The longest name or reason that is kept, in characters.
+/// The longest name or reason that is stored, in characters.
 const WORDS_MAX: usize = 200;
 
 /// The user who has stopped everything on a node, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Estop {
-    /// A user, such as `ann@c1`, as the user says.
+    /// The user, such as `ann@c1`. The name is not checked.
     pub by: String,
-    /// The user's words; may be empty.
+    /// The reason in the user's own words; may be empty.
     pub reason: String,
 }
 
 impl Estop {
-    /// Returns this stop with its texts cut to the length that is kept.
+    /// Returns this stop with its texts cut to the longest length that is stored.
     #[must_use]
     pub fn bounded(&self) -> Self {
         let bounded = |text: &str| text.chars().take(WORDS_MAX).collect();
@@ -25,7 +25,7 @@ impl Estop {
     }
 }
 
-/// `everything was stopped by ann@c1: a person in the cell`
+/// Formats the stop: `everything was stopped by ann@c1: a person in the cell`.
 impl fmt::Display for Estop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "everything was stopped by {}", printable(&self.by).replace('\n', " "))?;
@@ -33,13 +33,13 @@ impl fmt::Display for Estop {
     }
 }
 
-/// The answer to [`super::Request::Estop`]: no program of a deployment runs on the node, except those named.
+/// The answer to [`super::Request::Estop`]. No program of a deployment runs on the node, except for the programs in `unended`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Estopped {
-    /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`. A
-    /// program that has ended is in the list if work outside of it may go on, with a description of the work.
+    /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`. A program
+    /// that has ended is also in the list if work outside of it may continue. Then a description of this work follows.
     pub unended: Vec<String>,
-    /// Why the disk of the node does not have it; then the next start of the node may not know that everything is stopped.
+    /// Why the disk of the node could not store the stop. Then the node may not know after its next start that everything is stopped.
     pub unwritten: Option<String>,
 }
 

@@ -1,18 +1,18 @@
-//! The facts of a program once it is up.
+//! The facts about a program that has started.
 
 use comms::logic::control::Location;
 use serde::{Deserialize, Serialize};
 
-/// The facts that a program states about itself at its start.
+/// The facts that a program reports about itself at its start.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LeafFacts {
     /// Index into `Plan::leaves`.
     pub leaf: u32,
-    /// Where its data session is, if it has one.
+    /// The address of its data session, if it has one.
     pub location: Option<Location>,
-    /// Devices whose keys it owns.
+    /// The devices whose keys belong to it.
     pub owns: Vec<String>,
-    /// Devices of others that it needs.
+    /// The devices of other programs that it needs.
     pub needs: Vec<String>,
     /// Whether it publishes signals.
     pub signals: bool,

@@ -1,4 +1,4 @@
-//! Failures, in a form that travels, and in words.
+//! Failures, in a form for messages, and in words.
 
 use super::Estop;
 use crate::logic::printable::printable;
@@ -14,7 +14,7 @@ use std::time::Duration;
 /// A failure: its cause, where it happened, and when.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
-    /// Absolute path of the process it began with: `main/dooropensyst/hit/force`.
+    /// Absolute path of the process where it began: `main/dooropensyst/hit/force`.
     pub origin: String,
     /// The cause.
     pub cause: FailureCause,
@@ -24,7 +24,7 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// Returns the report of the failure to the supervisor around the process.
+    /// Returns the report about the failure for the supervisor of the process.
     pub fn report(&self, plan: &Plan) -> Value {
         let is_plain = plan.leaves.iter().any(|leaf| leaf.kind == LeafKind::Plain && leaf.path == self.origin);
         self.cause.reason(is_plain).report()
@@ -43,49 +43,49 @@ impl fmt::Display for Failure {
 pub enum FailureCause {
     /// The program was ended by a signal that DCA did not send.
     Signal(i32),
-    /// The program left with this code without saying that it was done.
+    /// The program ended with this code, without reporting that it was done.
     Exit(i32),
-    /// The program's own words.
+    /// The program has reported a failure in its own words.
     Reported(String),
     /// The program could not be started.
     Exec(String),
-    /// The program is not there (it ended before it was needed, and could not be started again).
+    /// The program does not exist: it ended before it was needed, and could not be restarted.
     NotAvailable(String),
-    /// Activated while running.
+    /// The process was activated while it was running.
     Busy,
     /// A service ended by itself.
     ServiceEnded,
     /// The program did not confirm its stop.
     StopUnconfirmed,
-    /// Its host could not be reached any more.
+    /// The host of the process could not be reached any more.
     HostLost(String),
-    /// `fail("why")` in the spec.
+    /// The spec contains `fail("why")`.
     Failed(String),
-    /// Its program died again and again.
+    /// The program died repeatedly.
     Exhausted {
-        /// How it died the last time.
+        /// How the program died the last time.
         last: String,
-        /// How often it was started again before that.
+        /// How many times it was restarted before.
         restarts: u32,
     },
-    /// Its host could not be reached any more while it was stopping.
+    /// The host of the process could not be reached any more while the process was stopping.
     HostLostStopping(String),
-    /// Its program ended unexpectedly, with some output.
+    /// The program ended unexpectedly, after it had written something.
     Program {
         /// How it ended.
         end: ProgramEnd,
-        /// How often it was started again before that.
+        /// How many times it was restarted before.
         restarts: u32,
-        /// The last lines that it wrote.
+        /// The last lines that the program wrote.
         output: Vec<String>,
     },
-    /// The program hung: it gave no sign of life for so long.
+    /// The program hung: it gave no sign of life for this long.
     Watchdog(#[serde(with = "comms::logic::human::seconds")] Duration),
-    /// The program could not run after so long, at its start or in its `Init`.
+    /// The program was not ready after this long, at its start or in its `Init`.
     StartTimeout(#[serde(with = "comms::logic::human::seconds")] Duration),
     /// The program was stopped because its node was gone.
     AgentLost,
-    /// The kernel has killed the program, or a process of it, because it had more memory than its limit of so many bytes.
+    /// The kernel has killed the program or a process of it: it needed more memory than its limit, given in bytes.
     OutOfMemory(u64),
     /// The program met a limit of its policy.
     Limit {
@@ -94,9 +94,9 @@ pub enum FailureCause {
         /// Its value: a count, seconds or bytes.
         value: u64,
     },
-    /// Its program died once more than its group allows.
+    /// The program died once more than its group allows.
     Intensity {
-        /// How it died the last time.
+        /// How the program died the last time.
         last: String,
         /// How many restarts the group allows,
         restarts: u32,
@@ -104,33 +104,33 @@ pub enum FailureCause {
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },
-    /// Its program was ended for this cause, and had written something.
+    /// The program was ended for this cause, after it had written something.
     Ended {
         /// The cause.
         cause: Box<Self>,
-        /// How often it was started again before that.
+        /// How many times it was restarted before.
         restarts: u32,
-        /// The last lines that it wrote.
+        /// The last lines that the program wrote.
         output: Vec<String>,
     },
-    /// The process was not begun, because a program of its deployment that could not be ended holds one of its devices.
+    /// The process was not begun. Another program of its deployment could not be ended, and holds one of its devices.
     DeviceHeld {
         /// The device.
         device: String,
-        /// Absolute path of the other one.
+        /// Absolute path of the other program.
         by: String,
     },
-    /// Another node of its home's name goes on with its deployment: where that runs.
+    /// The deployment continues on another node with the name of its home. The text is where that node runs.
     Preempted(String),
-    /// A user has stopped everything on its home.
+    /// A user has stopped everything on the home of the deployment.
     Estop(Estop),
-    /// The machine of its home was rebooted.
+    /// The machine of the home was rebooted.
     Rebooted,
-    /// The node of its home was restarted, and has taken nothing over.
+    /// The node of the home was restarted, and has adopted nothing.
     Restarted,
-    /// A user has stopped it while its home was away: the host that reports it.
+    /// A user stopped the deployment while its home could not be reached. The text is the host that reports this.
     StoppedAway(String),
-    /// The program was stopped, and work outside of it may go on: in the program's own words.
+    /// The program was stopped, but work outside of it may continue. The text is in the program's own words.
     MayGoOn(String),
     /// No arm of a `match` has the outcome.
     NoMatch,
@@ -139,16 +139,16 @@ pub enum FailureCause {
 /// How a program ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ProgramEnd {
-    /// With this exit code.
+    /// It exited with this code.
     Exit(i32),
-    /// By this signal.
+    /// It was ended by this signal.
     Signal(i32),
 }
 
 impl fmt::Display for ProgramEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            // A signal not sent by DCA. DCA's own signals are reported by their purpose.
+            // DCA has not sent this signal. Its own signals are reported by their purpose.
             Self::Signal(number @ 9) => write!(f, "{} (external)", signal_name(*number)),
             Self::Signal(number) => f.write_str(&signal_name(*number)),
             Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
@@ -157,7 +157,7 @@ impl fmt::Display for ProgramEnd {
 }
 
 impl FailureCause {
-    /// Returns the cause that a report of a shim means; none if its program has not ended.
+    /// Returns the cause of failure in a report of a shim; nothing if the program has not ended.
     pub fn of_end(report: &ShimReport) -> Option<Self> {
         let (end, why) = report.end()?;
         Some(match (why, end) {
@@ -171,8 +171,8 @@ impl FailureCause {
         })
     }
 
-    /// Returns the reason that an activity and an `else match` see. `is_plain` says whether it began with a plain program,
-    /// which reports a failure by its exit code.
+    /// Returns the reason that an activity and an `else match` get. `is_plain` says whether the failure began in a
+    /// plain program, which reports a failure by its exit code.
     pub fn reason(&self, is_plain: bool) -> Reason {
         match self {
             Self::Reported(_) => Reason::Reported,
@@ -197,20 +197,19 @@ impl FailureCause {
             Self::NoMatch => Reason::NoMatch,
             Self::Failed(text) => Reason::Failed(text.clone()),
             Self::StopUnconfirmed | Self::HostLostStopping(_) | Self::MayGoOn(_) => Reason::StopUnconfirmed,
-            // These end a whole deployment, so no supervisor hears of them.
+            // These causes end a whole deployment, so no supervisor gets them.
             Self::Preempted(_) | Self::Estop(_) | Self::Rebooted | Self::Restarted | Self::StoppedAway(_) => {
                 Reason::Reported
             }
         }
     }
 
-    /// Returns whether it, or something that it has begun, may still be running.
+    /// Returns whether the program, or work that it has begun, may still be running.
     pub fn is_unconfirmed_stop(&self) -> bool {
         matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_) | Self::MayGoOn(_))
     }
 
-    /// Returns the cause with the details of the failed program: how often it was started again, and the last lines of
-    /// its output.
+    /// Adds details of the failed program to the cause: how many times it was restarted, and the last lines of its output.
     #[must_use]
     pub fn of_program(self, restarts: u32, output: Vec<String>) -> Self {
         if let (Self::Exit(code), false) = (&self, output.is_empty()) {
@@ -229,7 +228,7 @@ impl FailureCause {
         if restarts == 0 { self } else { Self::Exhausted { last: self.to_string(), restarts } }
     }
 
-    /// Returns the last lines that the program wrote that failed; none if it wrote nothing, or is not the cause.
+    /// Returns the last lines of the program that failed. They are empty if it wrote nothing, or if no program was the cause.
     pub fn output(&self) -> &[String] {
         if let Self::Program { output, .. } | Self::Ended { output, .. } = self { output } else { &[] }
     }
@@ -299,7 +298,7 @@ const fn policy_of(limit: LimitKind) -> &'static str {
     }
 }
 
-/// Returns `200 MB` for so many bytes.
+/// Formats a size in bytes: `200 MB`.
 fn size(bytes: u64) -> String {
     match bytes {
         bytes if bytes % 1_000_000 == 0 => format!("{} MB", bytes / 1_000_000),
@@ -308,12 +307,12 @@ fn size(bytes: u64) -> String {
     }
 }
 
-/// Returns `0.5 s` for half a second.
+/// Formats a time: `0.5 s` for half a second.
 fn spelt(time: Duration) -> String {
     format!("{} s", time.as_secs_f64())
 }
 
-/// Returns `SIGSEGV` for 11, and so on. Source: signal(7), Linux on x86 and ARM.
+/// Returns the name of a signal: `SIGSEGV` for 11. Source: signal(7), Linux on x86 and ARM.
 pub fn signal_name(number: i32) -> String {
     let name = match number {
         1 => "SIGHUP",

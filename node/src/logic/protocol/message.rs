@@ -3,7 +3,7 @@
 use super::{Deployment, Relay, ToCoordinator, ToParticipant};
 use serde::{Deserialize, Serialize};
 
-/// From node to node, in order and once (see `link`).
+/// A message from node to node. Messages arrive in order and exactly once (see `link`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Message {
     /// The deployment that it is about.
@@ -13,7 +13,7 @@ pub struct Message {
 }
 
 impl Message {
-    /// Returns the last message of a node before it ends.
+    /// Returns the last message of a node that is about to end.
     pub fn leaves() -> Self {
         Self::about_none(Body::Leaves)
     }
@@ -23,13 +23,13 @@ impl Message {
         Self { deployment: Deployment { name: String::new(), epoch: 0 }, body }
     }
 
-    /// Returns a message to be passed on, or one that was.
+    /// Returns a message that has to be passed on, or that was passed on.
     pub fn relay(relay: Relay) -> Self {
         Self::about_none(Body::Relay(Box::new(relay)))
     }
 
-    /// Returns whether it is the last word about something: that a process has ended, that everything is to end, or that a host does not
-    /// take part. Such a message is true however late it comes.
+    /// Returns whether the message is final: a process has ended, everything has to end, or a host does not take part.
+    /// Such a message stays true, however late it arrives.
     pub fn is_final(&self) -> bool {
         matches!(
             self.body,
@@ -41,39 +41,42 @@ impl Message {
     }
 }
 
-/// The content of a message, by its receiver.
+/// The content of a message. Each variant has another receiver.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Body {
-    /// The deployment at its home.
+    /// For the home of the deployment.
     Coordinator(ToCoordinator),
-    /// The deployment's part on the receiving host.
+    /// For the deployment's part on the receiving host.
     Participant(ToParticipant),
-    /// No receiver: it replaces a message that its sender has withdrawn.
+    /// For no receiver: the sender has withdrawn the original message.
     Tombstone,
-    /// The node: the sender ends as it was told to, and nothing that it has started is left. About no deployment.
+    /// For the node: the sender ends on request, and nothing that it has started is left. This is about no deployment.
     Leaves,
-    /// Another node, which the sender does not reach; or the receiver, from such a node. About no deployment.
+    /// To pass on to another node that the sender does not reach, or for the receiver from such a node. This is about no deployment.
     Relay(Box<Relay>),
-    /// The node: this deployment, which has its home there, was stopped while it was away, and so were earlier ones of that name.
+    /// For the node that is the home of this deployment: the deployment, and earlier ones of its name, were stopped
+    /// while the node could not be reached.
     Stopped,
-    /// The node: the sender has received `Stopped`.
+    /// For the node: the sender has received `Stopped`.
     Mourned,
-    /// The node: the sender, a home, asks for a mark after all events that have happened there so far. About no deployment.
+    /// For the node: the sender is a home. It asks for a mark after all events that have happened on the receiver so
+    /// far. This is about no deployment.
     Inquiry {
-        /// The number of the question; the sender counts.
+        /// The number of the question. The sender counts its questions.
         number: u64,
     },
-    /// The home: all events before its question have arrived before this message. About no deployment.
+    /// For the home: all events from before its question have arrived before this message. This is about no deployment.
     Reported {
         /// The number of the question.
         number: u64,
     },
-    /// The home: the sender was away for long, and begins nothing for this home before the home has answered. About no deployment.
+    /// For the home: the sender was away for long. It begins nothing for this home until the home has answered. This is
+    /// about no deployment.
     CheckIn {
-        /// The number of the question; the sender counts.
+        /// The number of the question. The sender counts its questions.
         number: u64,
     },
-    /// The node that has checked in: all decisions of the home have arrived before this message. About no deployment.
+    /// For the node that has checked in: all decisions of the home have arrived before this message. This is about no deployment.
     CheckedIn {
         /// The number of the question.
         number: u64,

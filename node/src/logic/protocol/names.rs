@@ -6,24 +6,24 @@ use serde::{Deserialize, Serialize};
 /// The answer to [`super::Request::Names`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Names {
-    /// The ports of the programs of this host that are wired.
+    /// The ports of programs on this host that are connected by wires.
     pub ports: Vec<PortName>,
-    /// The devices of this host that are held.
+    /// The devices of this host that have a holder.
     pub devices: Vec<DeviceName>,
 }
 
 /// A port of a program.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct PortName {
-    /// Of which deployment.
+    /// The deployment of the program.
     pub deployment: Deployment,
     /// Absolute path of the process.
     pub path: String,
     /// The port.
     pub port: String,
-    /// Whether values leave the program there.
+    /// Whether it is an output.
     pub is_output: bool,
-    /// The type of its values, as far as the program's interface says it.
+    /// The type of its values, if the program's interface declares it.
     pub kind: Option<String>,
 }
 
@@ -32,9 +32,9 @@ pub struct PortName {
 pub struct DeviceName {
     /// The device.
     pub device: String,
-    /// Of which deployment its holder is.
+    /// The deployment of the holder.
     pub deployment: Deployment,
-    /// Absolute path of the holder, or of one of several readers.
+    /// Absolute path of the holder. If there are several readers, that of one of them.
     pub path: String,
     /// Whether the device is held exclusively.
     pub is_exclusive: bool,

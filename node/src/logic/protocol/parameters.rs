@@ -4,26 +4,26 @@ use super::Deployment;
 use language::plan::{Constant, Parameter};
 use serde::{Deserialize, Serialize};
 
-/// The parameters of a program that runs.
+/// The parameters of a running program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InstanceParameters {
     /// Its deployment.
     pub deployment: Deployment,
     /// Absolute path.
     pub path: String,
-    /// Its type.
+    /// The type of the program.
     pub module: String,
-    /// None if no program of the host declares the parameters of that type.
+    /// Its parameters; nothing if no program of the host declares the parameters of this type.
     pub parameters: Option<Vec<ParameterStatus>>,
-    /// The name of the node of ROS 2 that its program is. Such a node has its parameters itself.
+    /// If the program is a ROS 2 node, the name of the node. Such a node keeps its parameters itself.
     pub ros_node: Option<String>,
 }
 
 /// A parameter of a running program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterStatus {
-    /// Its name and the values that it takes.
+    /// The name of the parameter, and the values that it accepts.
     pub parameter: Parameter,
-    /// The value of the plan, if it gives one.
+    /// The value in the plan, if the plan gives one.
     pub given: Option<Constant>,
 }

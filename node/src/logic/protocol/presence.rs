@@ -1,19 +1,18 @@
-//! The ping and the pong: the question whether a node is there, and its answer. Also the messages between two nodes of
-//! one name.
+//! The ping asks whether a node is present, and the pong is the answer. Also messages between two nodes with the same name.
 
 use super::Deployment;
 use comms::logic::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// The question whether a node is there, to all others.
+/// The question to all other nodes whether they are present.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ping {
     /// Name of the asking node.
     pub from: String,
     /// Its boot number.
     pub boot: u64,
-    /// Numbers the question.
+    /// The number of the question.
     pub round: u64,
 }
 
@@ -26,68 +25,69 @@ pub struct Pong {
     pub boot: u64,
     /// Boot number of the node that asked.
     pub to_boot: u64,
-    /// The question's number.
+    /// The number of the question.
     pub round: u64,
-    /// How long it has been up.
+    /// How long it has been running.
     pub up: Duration,
     /// Where it runs, for a person: machine and process id.
     pub place: String,
-    /// The boot that has the asker's name here, if any: a node deals with one boot of each name.
+    /// The boot that holds the asking node's name here, if any. A node communicates with only one boot of each name.
     pub holder: Option<u64>,
-    /// Its session, as in a [`Dial`](comms::logic::control::Dial).
+    /// Its session, with the same id as in a [`Dial`](comms::logic::control::Dial).
     pub session: String,
-    /// Stands for its machine, its network and its run folder. Two boots with the same origin never run at once: a node locks its folder.
+    /// Identifies its machine, its network and its run folder. Two boots with the same origin never run at once,
+    /// because a node locks its folder.
     pub origin: u32,
 }
 
-/// The report of a node to another one of its name: the deployments it runs.
+/// A message of a node to another node of its name: which deployments it runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Namesake {
     /// Boot number of the sender.
     pub boot: u64,
-    /// Boot number of the other one.
+    /// Boot number of the other node.
     pub to_boot: u64,
-    /// The deployments that it has a part of, and whether it reaches the home of each.
+    /// The deployments with a part on the sender, and whether it reaches the home of each.
     pub deployments: Vec<(Deployment, bool)>,
-    /// The deployments that the sender has ended, because they continue on the other node.
+    /// The deployments that the sender has ended because they continue on the other node.
     pub ended: Vec<Deployment>,
 }
 
-/// The message of a node to another one whose message it has refused.
+/// A message of a node to the sender of a message that it has refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Refusal {
-    /// Name of the node that has refused it.
+    /// Name of the node that has refused the message.
     pub by: String,
-    /// Why, for a person.
+    /// The reason, for a person.
     pub why: String,
 }
 
-/// The position of the audit log of a node, signed by this node for others, or by another node for this one.
+/// The position of a node's audit log. It is signed by this node for others, or by another node for this one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AuditHead {
     /// The name of the sending node.
     pub from: String,
-    /// The form of a [`trust::audit::Head`].
+    /// The bytes of a [`trust::audit::Head`].
     pub head: Vec<u8>,
 }
 
-/// The certificate of a node: the sender asks the others to renew it, or has renewed it.
+/// The certificate of a node. Either the sender asks the others to renew it, or it has renewed the certificate.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Renewing {
     /// The name of the sending node.
     pub from: String,
-    /// The form of a [`trust::team::Credential`].
+    /// The bytes of a [`trust::team::Credential`].
     pub credential: Vec<u8>,
 }
 
-/// A name that two nodes have.
+/// A name that two nodes share.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Duplicate {
     /// The name.
     pub host: String,
-    /// Where the node is that other nodes deal with, for a person.
+    /// Where the node runs that other nodes communicate with, for a person.
     pub first: String,
-    /// Where the other one is.
+    /// Where the other node runs.
     pub second: String,
 }
 

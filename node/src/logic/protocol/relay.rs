@@ -4,28 +4,27 @@ use super::Message;
 use crate::logic::link::Ends;
 use serde::{Deserialize, Serialize};
 
-/// Something from one node to another, by way of a third.
+/// A message from one node to another, by way of a third node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Relay {
-    /// Name of the node that it is from.
+    /// Name of the sender.
     pub from: String,
-    /// Name of the node that it is for.
+    /// Name of the receiver.
     pub to: String,
     /// The content.
     pub what: Relayed,
-    /// In a team, the signature of the sender: the node that passes the message on does not speak for the sender. Empty
-    /// elsewhere.
+    /// In a team, the signature of the sender: the node that passes the message on cannot sign for the sender. Empty outside a team.
     pub proof: Vec<u8>,
 }
 
 /// The content of a relay.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Relayed {
-    /// The question whether a node is there, as in a [`Ping`](super::Ping).
+    /// The question whether a node is present, as in a [`Ping`](super::Ping).
     Ping {
         /// Boot number of the node that asks.
         boot: u64,
-        /// Numbers the question.
+        /// The number of the question.
         round: u64,
     },
     /// The answer, as in a [`Pong`](super::Pong).
@@ -34,9 +33,9 @@ pub enum Relayed {
         boot: u64,
         /// Boot number of the node that asked.
         to_boot: u64,
-        /// The question's number.
+        /// The number of the question.
         round: u64,
-        /// The boot that has the asker's name here, if any has.
+        /// The boot that holds the asking node's name here, if any.
         holder: Option<u64>,
     },
     /// A frame of the link between the two.

@@ -7,32 +7,32 @@ use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// A step in the life of a deployment.
+/// A step in the course of a deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Report {
-    /// The home node took it on.
+    /// The home node has accepted the deployment.
     Accepted {
-        /// Under this name and epoch.
+        /// The deployment with its name and epoch.
         deployment: Deployment,
     },
-    /// A host has every program up.
+    /// Every program of a host has started.
     Prepared {
         /// The host.
         host: String,
-        /// How many programs.
+        /// How many programs the host has.
         leaves: u32,
     },
-    /// A host has every link made.
+    /// Every link of a host is made.
     Connected {
         /// The host.
         host: String,
     },
-    /// The whole tree is confirmed and running.
+    /// The whole tree is confirmed and begins to run.
     Go {
-        /// How long PREPARE to GO took.
+        /// The time from PREPARE to GO.
         #[serde(with = "comms::logic::human::seconds")]
         took: Duration,
-        /// Programs that publish signals: instance path, where to dial.
+        /// The programs that publish signals: instance path, address.
         signals: Vec<(String, Dial)>,
     },
     /// A process changed.
@@ -45,79 +45,79 @@ pub enum Report {
         #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
     },
-    /// Nothing was started, or everything was taken back.
+    /// Nothing was started, or everything was undone.
     Refused {
         /// Sentences for a person.
         reasons: Vec<String>,
     },
-    /// Over; nothing of it is left on any host that could be reached.
+    /// The deployment is over. Nothing of it is left on any host that could be reached.
     Finished {
         /// How `main` ended.
         ending: Ending,
         /// Time since GO.
         #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
-        /// Hosts that could not confirm.
+        /// Hosts that could not confirm that nothing is left.
         unconfirmed: Vec<String>,
     },
-    /// After GO: the addresses of the programs that have outputs, for callers that record their ports.
+    /// After GO: the addresses of the programs with outputs, for callers that record ports.
     Programs {
-        /// Instance path, where to dial.
+        /// Instance path and address.
         at: Vec<(String, Dial)>,
     },
-    /// Its plan was changed while it runs.
+    /// The plan was changed while the deployment runs.
     Changed {
-        /// How often it was changed, this time included.
+        /// The number of changes so far, including this one.
         revision: u32,
-        /// The user who wanted it.
+        /// The user who made the change.
         by: String,
-        /// The changes, one line each.
+        /// The changes, one line for each.
         changes: Vec<String>,
     },
-    /// A change of the running deployment was refused, or taken back: the previous programs run again.
+    /// A change of the running deployment was refused or undone. The previous programs run.
     Unchanged {
-        /// The user who wanted it.
+        /// The user who asked for the change.
         by: String,
         /// Sentences for a person.
         reasons: Vec<String>,
     },
-    /// A supervisor has taken some steps. Only callers that record a mission get this report.
+    /// A supervisor has taken some steps. Only callers that record the mission get this report.
     Stepped {
-        /// Absolute path of its group.
+        /// Absolute path of the supervisor's group.
         path: String,
-        /// The number of the first step of this supervisor, from 0 on: a gap shows missing steps.
+        /// The number of the first of these steps. The steps of a supervisor are counted from 0, so a gap shows missing steps.
         number: u64,
-        /// The events, and the supervisor's commands.
+        /// The events and the supervisor's commands.
         steps: Vec<StepRecord>,
         /// Time since GO at the home node.
         #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
     },
-    /// The number of reports that are missing here: the home keeps the first reports and the latest.
+    /// Reports are missing here. The home keeps the first reports and the latest ones.
     Omitted {
-        /// How many.
+        /// How many reports are missing.
         count: u64,
     },
-    /// A change adopts another plan, or takes it back: later reports refer to this plan. Only callers that follow the
-    /// mission hear of it.
+    /// A change applies another plan, or is undone. Later reports refer to this plan. Only callers that follow the
+    /// mission get this report.
     Replanned {
-        /// The plan, with the numbers of the previous one.
+        /// The plan. It keeps the numbers of the previous plan.
         plan: Box<Plan>,
     },
-    /// Just before GO: the programs of the first step begin at one moment.
+    /// Sent just before GO: the programs of the first step begin at one moment.
     Aligned {
-        /// How long after GO.
+        /// The time from GO to this moment.
         #[serde(with = "comms::logic::human::seconds")]
         lead: Duration,
-        /// How far apart two of these programs may begin at most, as far as that depends on the clocks of their hosts.
+        /// The longest possible time between the begins of two of these programs, as far as the clocks of their hosts cause it.
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },
-    /// The part of the first step that a host began after that moment.
+    /// A host began its part of the first step after that moment.
     BeganLate {
         /// The host.
         host: String,
-        /// By how much.
+        /// How late the host began it.
         #[serde(with = "comms::logic::human::seconds")]
         by: Duration,
     },
@@ -132,96 +132,97 @@ pub enum Change {
     Stopping,
     /// The process ended.
     Ended(Ending),
-    /// Its program died while it was not running.
+    /// The program of the process died while the process was not active.
     Died(FailureCause),
-    /// A program is up.
+    /// A program has started.
     Started {
         /// Its process id on its host.
         pid: u32,
     },
-    /// Its program died and is started again.
+    /// The program of the process died and is being restarted.
     Restarting {
         /// The cause of its death.
         cause: FailureCause,
-        /// How often it was started again lately, this time included.
+        /// How many times it was restarted recently, including this time.
         count: u32,
     },
-    /// A program that was started again continues the activation of the previous program.
+    /// A restarted program continues the activation of the previous program.
     Resumed,
-    /// The process was to be activated, and waits: a lost host may still use a resource that the process takes.
+    /// The process should be activated, but waits: a lost host may still use a resource that it needs.
     Held {
         /// The resource.
         resource: String,
         /// The host.
         host: String,
     },
-    /// A parameter of it was changed while it was up.
+    /// A parameter of the process was changed while its program was running.
     Configured {
         /// The parameter.
         parameter: String,
-        /// The value now, as a spec spells it; none if the value of the spec counts again.
+        /// The present value, as a spec writes it. Nothing if the value of the spec counts again.
         value: Option<String>,
     },
-    /// Its program is ended, and another one takes its place.
+    /// The program of the process is ended, and another one takes its place.
     Replacing,
-    /// The program that took its place was unhealthy; its predecessor is started again.
+    /// A program that has replaced another was unhealthy, so its predecessor is restarted.
     Reverting {
         /// The cause of the failure.
         cause: FailureCause,
     },
-    /// Its program is ended and started again, since another program of its group has died.
+    /// The program of the process is restarted, because another program of its group has died.
     Renewing {
-        /// Absolute path of the other one.
+        /// Absolute path of the other program.
         with: String,
     },
-    /// The process was to be activated, and waits: the end of another process is unconfirmed, and that process may still use
-    /// its resources.
+    /// The process should be activated, but waits: the end of another process is unconfirmed, and that process may
+    /// still use its resources.
     HeldBy {
-        /// The resource; empty if it is taken for the group of both.
+        /// The resource; empty if the group of both processes uses it.
         resource: String,
-        /// Absolute path of the other one.
+        /// Absolute path of the other process.
         by: String,
-        /// The host of the other one.
+        /// The host of the other process.
         host: String,
     },
-    /// Its program, whose stop could not be confirmed, has ended after all: its resources are free.
+    /// The program could not be stopped with certainty, but it has ended now. Its resources are free.
     EndedLate,
-    /// Connection sets of the group were switched, from one set of a consumer to another.
+    /// Connection sets of the group were switched, from one set of a consumer to another one.
     Switched(SetsSwitched),
     /// An activity has said, sent or lost something, or asks a question.
     Says {
-        /// The report, as a clause behind the name of the activity.
+        /// The report, as a clause that follows the name of the activity.
         text: String,
-        /// Whether it is about its usual work: a word, or a value that was sent or lost. A flood of these may be thinned.
+        /// Whether it is about usual work: a text, or a value that was sent or lost. If there are very many of these,
+        /// some may be left out.
         is_routine: bool,
     },
     /// The active states of an activity have changed.
     Entered {
-        /// The names of the active states without active inner states.
+        /// The names of the active states that have no active inner states.
         states: Vec<String>,
     },
 }
 
-/// How a switch of connection sets has gone.
+/// The result of a switch of connection sets.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SetsSwitched {
     /// The sets that were closed, each with the path of its owner: `main/hit/force[lbl1]`.
     pub closed: Vec<String>,
     /// The sets that were opened.
     pub opened: Vec<String>,
-    /// From the order to the last confirmation.
+    /// The time from the order to the last confirmation.
     #[serde(with = "comms::logic::human::seconds")]
     pub took: Duration,
-    /// Values that were sent over closed wires and have not arrived, or found no room while they were held back.
+    /// Values that were sent over closed wires and have not arrived, or that found no room while they were held back.
     pub lost: u64,
-    /// Values that were dropped because they came over wires that had been given up.
+    /// Values that were dropped because they came over wires that had already been given up.
     pub late: u64,
-    /// Absolute paths of programs that have not confirmed in time; they switch once they can.
+    /// Absolute paths of programs that have not confirmed in time. They switch as soon as they can.
     pub unconfirmed: Vec<String>,
 }
 
 impl SetsSwitched {
-    /// Returns whether every value has arrived in its order, and every program has confirmed.
+    /// Returns whether every value has arrived in order, and every program has confirmed.
     pub fn is_smooth(&self) -> bool {
         (self.lost, self.late) == (0, 0) && self.unconfirmed.is_empty()
     }
@@ -248,7 +249,7 @@ impl SetsSwitched {
 }
 
 impl Change {
-    /// Returns why a process that was to be activated waits, in words that follow its name.
+    /// If a process waits for its activation, returns the reason, in words that follow its name.
     pub fn held_text(&self) -> Option<String> {
         if let Self::Held { resource, host } = self {
             return Some(format!("waits for `{resource}`: the host `{host}` is lost and may still use it"));
@@ -262,7 +263,7 @@ impl Change {
     }
 }
 
-/// The end of a reason that is the loss of a host.
+/// The end of a reason that says that a host was lost.
 const UNREACHED: &str = "could not be reached any more";
 
 /// Returns the reason that a host was lost.
@@ -277,8 +278,7 @@ pub fn unreachable(host: &str) -> String {
     format!("host `{host}` {UNREACHABLE} --name {host}` on it, in the same team or with `--insecure-lan`")
 }
 
-/// Returns whether the reasons of a refusal say that a host was lost, or could not be reached. A later attempt may
-/// succeed.
+/// Returns whether a refusal has the reason that a host was lost or could not be reached. Then a later attempt may succeed.
 pub fn is_unreached(reasons: &[String]) -> bool {
     reasons.iter().any(|reason| reason.ends_with(UNREACHED) || reason.contains(UNREACHABLE))
 }

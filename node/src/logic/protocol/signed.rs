@@ -1,5 +1,5 @@
-//! A request that a user has signed, and the orders of the home of a deployment that follow from it. The request
-//! travels with the order, so that each node that acts can check the user's request for itself.
+//! A request that a user has signed, and the orders that the home of a deployment gives because of it. The request is
+//! sent together with each order. So each node that carries out an order can check the user's request itself.
 
 use super::{ChangeOrder, Request, ToParticipant};
 use comms::logic::codec::{self, CodecError};
@@ -10,7 +10,7 @@ use std::time::Duration;
 /// A request with the signature of a user.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signed {
-    /// The signed part and the signer: the form of `trust::request`.
+    /// The signed part and the signer, in the form of `trust::request`.
     pub head: Vec<u8>,
     /// The payload: a [`Request`] in its envelope.
     pub body: Vec<u8>,
@@ -25,7 +25,7 @@ impl Signed {
         codec::decode(&self.body)
     }
 
-    /// Returns the plan that it asks for, if it asks for one.
+    /// Returns the plan in the request, if it contains one.
     pub fn plan(&self) -> Option<Plan> {
         match self.request() {
             Ok(Request::Deploy { plan, .. }) => Some(plan),
@@ -35,10 +35,10 @@ impl Signed {
     }
 }
 
-/// An order that starts something, with the request by which it is given.
+/// An order that starts something, together with the request of a user for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ordered {
-    /// The request, as the user has signed it.
+    /// The request of the user, with the signature.
     pub by: Signed,
     /// The order.
     pub order: Order,
@@ -51,18 +51,18 @@ pub enum Order {
     Prepare,
     /// [`ToParticipant::Rejoin`].
     Rejoin {
-        /// As there.
+        /// The same as there.
         plan: Plan,
-        /// As there.
+        /// The same as there.
         number: u32,
-        /// As there.
+        /// The same as there.
         since_go: Duration,
     },
     /// [`ToParticipant::Change`].
     Change(ChangeOrder),
 }
 
-/// The team of a node, for users who sign.
+/// The team of a node, for users who sign requests.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TeamOfNode {
     /// The id of the team's key.
@@ -74,7 +74,7 @@ pub struct TeamOfNode {
 }
 
 impl ToParticipant {
-    /// Returns whether a node of a team carries out the order only with a user's signature.
+    /// Returns whether a node of a team carries out this order only with a user's signature.
     pub const fn starts(&self) -> bool {
         matches!(
             self,
@@ -101,7 +101,7 @@ impl ToParticipant {
         Self::Ordered(Box::new(Ordered { by: by.clone(), order }))
     }
 
-    /// Returns the order without the request; nothing if the order needs a plan and the request has none.
+    /// Returns the order without the request. Returns nothing if the order needs a plan, and the request contains none.
     pub fn plain(self) -> Option<Self> {
         let Self::Ordered(ordered) = self else { return Some(self) };
         match ordered.order {

@@ -16,54 +16,54 @@ pub struct NodeStatus {
     pub pid: u32,
     /// Version of DCA.
     pub version: String,
-    /// How long it has been up.
+    /// How long the node has been running.
     #[serde(with = "comms::logic::human::seconds")]
     pub up: Duration,
     /// Other nodes that it can reach.
     pub peers: Vec<String>,
-    /// Deployments with a part here.
+    /// Deployments that have a part on the node.
     pub deployments: Vec<DeploymentStatus>,
-    /// The means by which it keeps hold of its programs.
+    /// How the node finds everything that its programs have started.
     #[serde(default)]
     pub containment: Containment,
-    /// The peers that it accepts over the network.
+    /// The peers that the node accepts over the network.
     #[serde(default)]
     pub network: Network,
     /// The user who has stopped everything, if there is one.
     #[serde(default)]
     pub estop: Option<Estop>,
-    /// The execution policy that holds there, if one does.
+    /// The execution policy that applies on the node, if there is one.
     #[serde(default)]
     pub policy: Option<PolicyInUse>,
-    /// Other nodes that it has reached recently, and that do not answer. Each known node is in one of the two lists.
+    /// Other nodes that it reached recently, and that do not answer now. Each known node is either in `peers` or in this list.
     #[serde(default)]
     pub missing: Vec<String>,
-    /// Deployments with their home here that have not begun.
+    /// Deployments with their home on the node that have not begun.
     #[serde(default)]
     pub waiting: Vec<WaitingDeployment>,
 }
 
-/// A deployment that its home has accepted and that has not begun.
+/// A deployment that its home has accepted, and that has not begun.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WaitingDeployment {
     /// Its name.
     pub name: String,
-    /// The user who wants it, such as `ann@c1`.
+    /// The user who has deployed it, such as `ann@c1`.
     pub by: String,
-    /// The deployment that ran before the machine was rebooted, if this one resumes it.
+    /// The deployment that ran before a reboot of the machine, if this one resumes it.
     pub resumes: Option<Deployment>,
-    /// The time until it may begin; zero if it waits for hosts only.
+    /// The time until it may begin. Zero if it waits only for hosts.
     #[serde(with = "comms::logic::human::seconds")]
     pub begins_in: Duration,
     /// The hosts that it waits for.
     pub hosts: Vec<String>,
-    /// The time until it is given up if these hosts do not come.
+    /// The time after which it is given up if these hosts do not come.
     #[serde(with = "comms::logic::human::seconds")]
     pub at_most: Duration,
 }
 
 impl WaitingDeployment {
-    /// Returns its state in words that stay the same while time passes.
+    /// Describes its state in words that do not change with time.
     pub fn state(&self) -> &'static str {
         if self.resumes.is_some() { "waits to be resumed" } else { "waits to begin" }
     }
@@ -83,12 +83,12 @@ impl fmt::Display for WaitingDeployment {
     }
 }
 
-/// The execution policy of a node, as it was when the last program was started.
+/// The execution policy of a node, as it was at the last start of a program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PolicyInUse {
     /// Its file.
     pub file: String,
-    /// The sandbox of programs: `standard` or `none`, and the reasons why it or the policy is weakened, for a user.
+    /// The sandbox of programs: `standard` or `none`. Also the reasons why the sandbox or the policy is weak, for a user.
     pub sandbox: String,
 }
 
@@ -102,7 +102,7 @@ impl fmt::Display for PolicyInUse {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Network {
-    /// None: it stays on its own machine.
+    /// No other nodes: it stays on its own machine.
     #[default]
     Host,
     /// All nodes.
@@ -124,16 +124,15 @@ impl fmt::Display for Network {
     }
 }
 
-/// The means that find everything that a program has started, so that nothing of it is left when it is over.
+/// How a node finds everything that a program has started, so that nothing is left when the program is over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Containment {
-    /// Its shim, which inherits every process it leaves. Processes that a killed shim has left are found by their
-    /// environment and their session.
+    /// The shim of the program inherits all processes that the program leaves. If a shim was killed, the processes are
+    /// found by their environment and their session.
     #[default]
     Subreaper,
-    /// The shim, and a control group of version 2 around the node and all its programs, which none of them leaves by
-    /// itself.
+    /// The shim, and a control group of version 2 around the node and all of its programs. No program can leave this group by itself.
     ControlGroup,
 }
 
@@ -146,7 +145,7 @@ impl fmt::Display for Containment {
     }
 }
 
-/// A deployment as one host sees it.
+/// A deployment, as one host reports it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeploymentStatus {
     /// The deployment.
@@ -157,70 +156,70 @@ pub struct DeploymentStatus {
     pub phase: String,
     /// Groups and leaves of this host.
     pub processes: Vec<ProcessStatus>,
-    /// Values lost on wires to its programs on this host.
+    /// The values that were lost on wires to its programs on this host.
     pub lost: Vec<LostValues>,
     /// The values that inputs of its programs on this host have refused.
     pub refused: Vec<RefusedValues>,
 }
 
-/// Values that were sent over a wire and have not come: dropped by a link that was cut or congested, or without room in the queue. Counted
-/// since the program at its end began.
+/// Values that were sent over a wire and have not arrived: a cut or congested link has dropped them, or the queue had
+/// no room. They are counted since the start of the receiving program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LostValues {
     /// The ends of the wire: `main/a, Out -> main/b, In`.
     pub wire: String,
-    /// How many.
+    /// The number of values.
     pub count: u64,
 }
 
-/// Values that an input has refused, because a number in them was not finite. Counted since its program began.
+/// Values that an input has refused because they contain a number that is not finite. They are counted since the start of the program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RefusedValues {
-    /// The input: `main/b, In`, or `main/b, arm/state` of a device.
+    /// The input: `main/b, In`, or `main/b, arm/state` for a device.
     pub input: String,
-    /// How many.
+    /// The number of values.
     pub count: u64,
 }
 
-/// A process as its host sees it.
+/// A process, as its host reports it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ProcessStatus {
-    /// Absolute path.
+    /// Its absolute path.
     pub path: String,
     /// Its type.
     pub kind: String,
     /// `starting`, `idle`, `running`, `stopping`, `dead: SIGSEGV` …
     pub state: String,
-    /// Process id of a leaf's program.
+    /// The process id of its program, if it is a leaf.
     pub pid: Option<u32>,
-    /// The details of an activity that runs.
+    /// The details of the activity, if the process is a running activity.
     pub activity: Option<ActivityStatus>,
 }
 
-/// An activity that runs.
+/// A running activity.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActivityStatus {
-    /// The names of its states.
+    /// The names of its active states.
     pub states: Vec<String>,
     /// The questions that wait for an answer.
     pub questions: Vec<OpenQuestion>,
-    /// The orders that it waits for, as `dca ctl` takes them.
+    /// The orders that it waits for, in the form of `dca ctl`.
     pub orders: Vec<String>,
 }
 
 /// A question of an activity that waits for an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenQuestion {
-    /// Its number, counted from 1 by the supervisor.
+    /// Its number. The supervisor counts questions from 1.
     pub number: u64,
-    /// The question with its answers.
+    /// The question, including its answers.
     pub text: String,
-    /// The answers.
+    /// The possible answers.
     pub options: Vec<String>,
 }
 
 impl ProcessStatus {
-    /// Returns the process of another deployment that this one stands for: the name of that deployment, and the path there.
+    /// If the process stands for a process of another deployment, returns the name of that deployment and the path of the process there.
     pub fn stands_for(&self) -> Option<(&str, &str)> {
         let (word, external) = self.state.split_once(": `").filter(|_| self.pid.is_none())?;
         let (path, deployment) = external.strip_suffix('`')?.split_once("` of `")?;
@@ -239,7 +238,8 @@ pub struct LeafStatus<'a> {
     pub process: &'a ProcessStatus,
 }
 
-/// Returns every leaf of all deployments, dead or alive. A leaf lies below a group, and nothing lies below it on any host.
+/// Returns every leaf of all deployments, even if its program does not run. A leaf is below a group, and no process on
+/// any host is below a leaf.
 pub fn leaves(nodes: &[NodeStatus]) -> Vec<LeafStatus<'_>> {
     let all = nodes.iter().flat_map(|node| {
         node.deployments.iter().flat_map(move |DeploymentStatus { deployment, processes, .. }| {

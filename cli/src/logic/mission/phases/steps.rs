@@ -10,11 +10,11 @@ use std::time::Duration;
 pub(super) struct Step {
     /// Its expression as written in the spec, without labels.
     pub(super) name: String,
-    /// Slots of the members that it runs.
+    /// The slots of the members that the step runs.
     pub(super) members: BTreeSet<u32>,
 }
 
-/// Returns the group that has the main sequence, and the sequence.
+/// Returns the group with the main sequence, and the steps of the sequence.
 pub(super) fn steps(plan: &Plan) -> (Option<&Group>, Vec<Step>) {
     let groups = breadth_first(plan);
     let is_chained = |group: &&&Group| has_sequence(&group.expression) || is_activity(group);
@@ -31,17 +31,17 @@ pub(super) fn steps(plan: &Plan) -> (Option<&Group>, Vec<Step>) {
     (group.copied(), steps)
 }
 
-/// Returns whether a group is an activity: its states are its phases.
+/// Returns whether a group is an activity. The states of an activity are its phases.
 fn is_activity(group: &Group) -> bool {
     matches!(group.expression, Expression::Chart(_))
 }
 
-/// Returns every group that can end by itself, `main` first.
+/// Returns all groups breadth first from `main`, except services, which do not end by themselves.
 fn breadth_first(plan: &Plan) -> Vec<&Group> {
     let mut found: Vec<&Group> = Vec::new();
     let mut queue = VecDeque::from([0]);
     while let Some(group) = queue.pop_front().and_then(|index: usize| plan.groups.get(index)) {
-        // A plan from elsewhere may be wrong: without this bound a circle of groups would never end.
+        // A plan from another program may be wrong. Without this bound, groups that contain each other would be an endless loop.
         if found.len() == plan.groups.len() {
             break;
         }
@@ -64,7 +64,7 @@ fn is_sequence(expression: &Expression) -> bool {
     matches!(expression, E::Sequence(..) | E::Conditional(..) | E::Recurrent(..))
 }
 
-/// Returns the first part of `expression` that is a sequence; the members beside it are background.
+/// Returns the first part of `expression` that is a sequence. The members beside it are background.
 fn sequence(expression: &Expression) -> &Expression {
     if is_sequence(expression) || matches!(expression, Expression::Otherwise(..) | Expression::Finally(..)) {
         return expression;
@@ -72,13 +72,13 @@ fn sequence(expression: &Expression) -> &Expression {
     parts(expression).into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
 }
 
-/// Returns the written operands, without the clocks of deadlines and further tries.
+/// Returns the operands as written in the spec. The clock of a deadline and the further tries of a retry are not among them.
 fn parts(expression: &Expression) -> Vec<&Expression> {
     let one = deadline(expression).map(|(of, _)| of).or_else(|| retry(expression).map(|(of, ..)| of));
     one.map_or_else(|| expression.operands(), |of| vec![of])
 }
 
-/// Returns the operand and the length of a deadline, if the expression is an expanded `P within d`.
+/// If the expression is an expanded `P within d`, returns `P` and the time `d`.
 fn deadline(expression: &Expression) -> Option<(&Expression, Duration)> {
     let Expression::Disable(of) = expression else { return None };
     let [of, Expression::Sequence(clock, end)] = &of[..] else { return None };
@@ -88,8 +88,7 @@ fn deadline(expression: &Expression) -> Option<(&Expression, Duration)> {
     }
 }
 
-/// Returns the operand of a retry, the number of tries, and the pause before each, if the expression is an expanded
-/// `retry(n) P`.
+/// If the expression is an expanded `retry(n) P`, returns `P`, the number of tries, and the pause before each further try.
 fn retry(expression: &Expression) -> Option<(&Expression, usize, Option<Duration>)> {
     let (mut tries, mut waiting) = (Vec::new(), vec![expression]);
     while let Some(next) = waiting.pop() {
@@ -130,7 +129,7 @@ fn collect(expression: &Expression, slots: &mut BTreeSet<u32>) {
     }
 }
 
-/// Returns how tightly an expression binds (more is tighter), and its text.
+/// Returns how tightly an expression binds (a higher number binds more tightly), and its text.
 fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
     use Expression as E;
     if let Some((of, limit)) = deadline(expression) {
@@ -201,7 +200,7 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
     (level, parts.collect::<Vec<_>>().join(operator))
 }
 
-/// The text of an operand that has to bind as tightly as `level`.
+/// Returns the text of an operand, in brackets if it binds less tightly than `level`.
 fn inside(expression: &Expression, level: u8, members: &[Member]) -> String {
     match text(expression, members) {
         (own, text) if own >= level => text,
