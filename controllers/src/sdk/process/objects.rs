@@ -201,7 +201,7 @@ impl Callers {
         }
     }
 
-    /// Ends the sending thread.
+    /// Stops the thread that sends calls.
     pub(super) fn clear(&self) {
         *self.jobs() = None;
         self.shared.pending().clear();
