@@ -53,7 +53,7 @@ impl ActivityPorts {
     /// Makes the idle ports.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
         let (mut inputs, mut limits, mut ports, mut exports) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for text in arguments.text("ports").split(';') {

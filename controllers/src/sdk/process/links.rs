@@ -140,8 +140,8 @@ impl Links {
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes all links; the wires stay closed. Existing links stay as they are, open or closed, unless these orders no
-    /// longer contain them. If one link cannot be made, nothing changes.
+    /// Makes all links; the wires stay closed. Existing links stay open or closed, unless these orders no longer contain
+    /// them. If one link cannot be made, nothing changes.
     pub(super) fn make(
         &self,
         session: &Arc<DataSession>,
