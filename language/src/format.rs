@@ -1,11 +1,11 @@
 //! Formats a spec: `dca fmt`. Every spec has one form.
 //!
-//! The formatter changes only white space, and writes `;;` for its older spelling `:;`. Tokens and comments stay in their order, with two
-//! exceptions. A comment before an operator moves to the other side of the operator, where the line ends. Two items have an empty line
-//! between them.
+//! The formatter changes only white space, and writes `;;` for its older spelling `:;`. Tokens and comments stay in
+//! their order, with two exceptions. A comment before an operator moves to the other side of the operator, where the
+//! line ends. Two items have an empty line between them.
 //!
-//! A text that fits stays on one line. A longer text is broken at its loosest operator. An operator stays broken if the author broke it. So
-//! a second run changes nothing.
+//! A text that fits stays on one line. A longer text is broken at its loosest operator. An operator stays broken if the
+//! author broke it. So a second run changes nothing.
 
 mod expression;
 mod piece;

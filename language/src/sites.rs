@@ -1,5 +1,5 @@
-//! The information that a verifier needs in addition to the plan: the place of each part in the text, the durations of programs, and the
-//! properties that the spec states.
+//! The information that a verifier needs in addition to the plan: the place of each part in the text, the durations of
+//! programs, and the properties that the spec states.
 
 use crate::source::Span;
 use std::time::Duration;
@@ -118,7 +118,8 @@ pub enum Fault {
 /// The statement of a property.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sentence {
-    /// `never a with b`, and each pair of `exclusive a, b, c`: they never run at the same time. A process that is stopping still runs.
+    /// `never a with b`, and each pair of `exclusive a, b, c`: they never run at the same time. A process that is
+    /// stopping still runs.
     NeverTogether(Vec<ProcessRef>),
     /// `always a implies b`: b runs at all times at which a runs.
     Implies(ProcessRef, ProcessRef),
@@ -146,8 +147,8 @@ pub enum Sentence {
 
 /// A formula of linear temporal logic over events. It has no word for "next".
 ///
-/// At each position of a run, an event has just happened. There, the atoms about this event are true, and the atoms about the processes
-/// that run after it. A run that has ended repeats its last position for ever, without events.
+/// At each position of a run, an event has just happened. There, the atoms about this event are true, and the atoms
+/// about the processes that run after it. A run that has ended repeats its last position for ever, without events.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Formula {
     /// `true`, `false`

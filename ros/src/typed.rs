@@ -95,7 +95,8 @@ pub(crate) fn shown_field<S: SerializeStruct, T: Field>(
 
 /// Declares a message as a struct. On a wire the message is its CDR bytes; people see its fields.
 ///
-/// All functions are `inline`, so that only the functions of messages that a program uses are compiled. This saves 2 s for this crate.
+/// All functions are `inline`, so that only the functions of messages that a program uses are compiled. This saves 2 s
+/// for this crate.
 macro_rules! message {
     (
         $name:ident, $ros:literal, $spec:literal;

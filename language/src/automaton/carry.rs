@@ -1,7 +1,8 @@
 //! Finds the configuration of a running activity in its changed chart.
 //!
-//! The names of states and variables decide which states and variables are the same. Kept values stay in their order. Timers are the same
-//! if they have the same state, the same time, and the same position among the equal timers of that state.
+//! The names of states and variables decide which states and variables are the same. Kept values stay in their order.
+//! Timers are the same if they have the same state, the same time, and the same position among the equal timers of that
+//! state.
 
 use super::chart::{StateKind, Trigger, Variable};
 use super::configuration::Configuration;

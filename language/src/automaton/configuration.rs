@@ -143,8 +143,8 @@ impl Configuration {
         self.timers.get(transition).map_or((Activation(0), false), |timer| (timer.activation, timer.is_armed))
     }
 
-    /// Returns the same configuration with all numbers of activations set to 1, and with changed values. State-space explorers call it,
-    /// because these numbers and values do not matter to them.
+    /// Returns the same configuration with all numbers of activations set to 1, and with changed values. State-space
+    /// explorers call it, because these numbers and values do not matter to them.
     pub(crate) fn without_numbers(&self, change: &dyn Fn(&Value) -> Value) -> Self {
         let mut plain = self.clone();
         plain.runs.iter_mut().for_each(|run| run.activation = Activation(1));

@@ -23,9 +23,9 @@ const OWN: u16 = 256;
 
 /// Takes one event and appends the resulting commands to `commands` in order. Returns the outcome if the activity ends.
 ///
-/// `configuration` must have been made for `automaton`. After an outcome, the activity can be started again, and the numbers of activations
-/// continue. An event with an old number is dropped. A running activity drops `Start`. An idle activity drops all events but `Start` and
-/// `Stop`, and answers `Stop` with `Stopped` at once.
+/// `configuration` must have been made for `automaton`. After an outcome, the activity can be started again, and the
+/// numbers of activations continue. An event with an old number is dropped. A running activity drops `Start`. An idle
+/// activity drops all events but `Start` and `Stop`, and answers `Stop` with `Stopped` at once.
 ///
 /// # Panics
 /// If `configuration` was made for another automaton.
@@ -109,7 +109,8 @@ impl Reaction<'_> {
         }
     }
 
-    /// The runs of the activity end at once, again and again, so the activity is aborted. The reason names the active states.
+    /// The runs of the activity end at once, again and again, so the activity is aborted. The reason names the active
+    /// states.
     fn overrun(&mut self) -> Option<Outcome> {
         let leaves: Vec<usize> = self.configuration.leaves(self.automaton).take(NAMES_MAX).collect();
         let names: Vec<String> =

@@ -46,7 +46,8 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     reader.states(node);
     let runs = reader.take_runs();
     if reader.group.damage.actions {
-        // The names in the runs are known. Errors in the states follow from the damaged text, so the states are not checked.
+        // The names in the runs are known. Errors in the states follow from the damaged text, so the states are not
+        // checked.
         let parts: Vec<Expr> = runs.into_iter().map(|(_, run)| run).collect();
         return Some(Expr { span, kind: ExprKind::Sequence(parts) }).filter(|expr| !expr.parts().is_empty());
     }

@@ -51,8 +51,8 @@ impl Tree {
 }
 
 impl ItemCollector<'_> {
-    /// Adds the constants of a tree. They are known everywhere, in any order of the text. If the text of a constant is damaged, only its
-    /// name is known.
+    /// Adds the constants of a tree. They are known everywhere, in any order of the text. If the text of a constant is
+    /// damaged, only its name is known.
     pub(super) fn constants(&mut self, tree: &Tree) {
         for item in tree.root.children_of(SyntaxKind::ConstItem) {
             let (Some(name), Some(node)) = (item.title(), item.child(Constant)) else { continue };
@@ -98,7 +98,8 @@ impl ItemCollector<'_> {
         }
     }
 
-    /// Returns a reader of values. In a value, a name stands for a constant of this name if there is one, otherwise for itself.
+    /// Returns a reader of values. In a value, a name stands for a constant of this name if there is one, otherwise for
+    /// itself.
     fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], consts: &self.spec.consts, indices: &[] };
         Reader { scope, diagnostics: self.diagnostics }
@@ -114,7 +115,8 @@ impl ItemCollector<'_> {
         self.spec.processes.push(process);
     }
 
-    /// Interfaces in the spec have precedence over the interfaces of programs. Of two programs with the same module, the first is used.
+    /// Interfaces in the spec have precedence over the interfaces of programs. Of two programs with the same module,
+    /// the first is used.
     fn add_module(&mut self, module: super::spec::Module, origin: Origin) {
         let Some(&first) = self.spec.module_names.get(&module.name.text) else {
             self.spec.module_names.insert(module.name.text.clone(), self.spec.modules.len());

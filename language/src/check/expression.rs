@@ -52,8 +52,8 @@ pub(super) struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// Returns whether one more operator or operand may be expanded, because nested replications grow fast. Reports the first that exceeds
-    /// the limit.
+    /// Returns whether one more operator or operand may be expanded, because nested replications grow fast. Reports the
+    /// first that exceeds the limit.
     fn may_grow(&mut self, span: Span) -> bool {
         self.size += 1;
         if self.size == EXPRESSION_MAX {
@@ -73,7 +73,8 @@ impl Group<'_> {
         self.names.diagnostics
     }
 
-    /// Returns a reader of times and counts. Names in them are constants, or parameters of the group that already have values.
+    /// Returns a reader of times and counts. Names in them are constants, or parameters of the group that already have
+    /// values.
     pub(super) fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], indices: &[], ..self.scope };
         Reader { scope, diagnostics: self.names.diagnostics }
@@ -220,7 +221,8 @@ fn finally(parts: Vec<Expr>) -> ExprKind {
     parts.into_iter().reduce(join).map_or(ExprKind::Broken, |all| all.kind)
 }
 
-/// Reports `a ; b # c`, `a # b , c`, `a # b else c` and `a ; b finally c`. The precedence defines them, but many people read them wrongly.
+/// Reports `a ; b # c`, `a # b , c`, `a # b else c` and `a ; b finally c`. The precedence defines them, but many people
+/// read them wrongly.
 fn side_by_side(node: &Node) -> Option<Diagnostic> {
     let looser = [
         (SyntaxKind::Disable, SyntaxKind::Sequence),
@@ -248,8 +250,8 @@ fn parts(node: &Node, group: &mut Group<'_>) -> Vec<Expr> {
     operands.map(|part| expression(&part, group)).collect()
 }
 
-/// Reads `a : b ;; c : d` as `a : (b ;; (c : d))`. `::` is read in the same way, and its second operand is repeated for each place of the
-/// pool.
+/// Reads `a : b ;; c : d` as `a : (b ;; (c : d))`. `::` is read in the same way, and its second operand is repeated for
+/// each place of the pool.
 fn chain(node: &Node, group: &mut Group<'_>) -> Expr {
     let operators = node.tokens().map(|token| token.kind());
     let operators: Vec<SyntaxKind> = operators.filter(|kind| [Colon, Recur, DoubleColon].contains(kind)).collect();
@@ -416,7 +418,8 @@ fn run(node: &Node, group: &mut Group<'_>) -> Expr {
     Expr { span, kind: ExprKind::Run(slot, sets) }
 }
 
-/// Returns the sets that are open while the process runs: the sets with these labels, and the owner's sets without a label.
+/// Returns the sets that are open while the process runs: the sets with these labels, and the owner's sets without a
+/// label.
 fn activated(name: &Name, slot: usize, labels: &[Name], group: &mut Group<'_>) -> Vec<usize> {
     let sets = group.sets;
     let Some(owned) = group.owned.get(&slot).cloned() else {

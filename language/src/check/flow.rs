@@ -37,7 +37,8 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     outcome::check(spec, diagnostics);
 }
 
-/// Returns the instances that an expression runs, each with one place. Collects the instances that run twice at the same time, each with
+/// Returns the instances that an expression runs, each with one place. Collects the instances that run twice at the
+/// same time, each with
 /// two places.
 fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTreeMap<usize, Span> {
     if let ExprKind::Run(slot, _) = &expr.kind {

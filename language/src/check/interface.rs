@@ -13,8 +13,8 @@ use crate::unit;
 use ros::logic::library;
 use std::collections::BTreeMap;
 
-/// Returns the parameters of each module that the texts declare, in the form for its program. A module has none if this form is impossible,
-/// for example because of a list of any length.
+/// Returns the parameters of each module that the texts declare, in the form for its program. A module has none if this
+/// form is impossible, for example because of a list of any length.
 pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<Parameter>>> {
     let spec = read(interfaces);
     let of_module = |params: &[Param]| parameters_of(&spec, params);

@@ -84,15 +84,16 @@ pub(super) fn lower(
     }
 }
 
-/// Reports event actions that would be too large. Nested `retry` multiplies copies, so an expression is measured before it is expanded.
+/// Reports event actions that would be too large. Nested `retry` multiplies copies, so an expression is measured before
+/// it is expanded.
 fn too_large(process: &Process) -> Option<Diagnostic> {
     let actions = process.actions.as_ref().filter(|actions| expression::size(actions) > EXPRESSION_MAX)?;
     let message = format!("the event actions of `{}` come to more than {EXPRESSION_MAX} operators", process.name.text);
     Some(Diagnostic::new(Code::E0701, actions.span, message).help("try again fewer times"))
 }
 
-/// Returns an error for an operator that the parser accepts and the checker does not support. Text that could not be read is already
-/// reported.
+/// Returns an error for an operator that the parser accepts and the checker does not support. Text that could not be
+/// read is already reported.
 fn not_understood(expr: &Expr) -> Option<Diagnostic> {
     let broken = || Diagnostic::new(Code::E0006, expr.span, "this operator is not supported yet");
     let is_broken = matches!(expr.kind, ExprKind::Broken);

@@ -27,7 +27,8 @@ pub(super) struct Names<'a> {
     pub(super) arrays: BTreeMap<String, usize>,
     /// Whether some instances could not be read. Then an unknown name is not an error.
     is_damaged: bool,
-    /// Whether the surrounding text is damaged. Then a word may be something else than a name, unless it looks like one.
+    /// Whether the surrounding text is damaged. Then a word may be something else than a name, unless it looks like
+    /// one.
     pub(super) is_doubtful: bool,
 }
 
@@ -185,8 +186,8 @@ impl<'a> Names<'a> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// Returns the instance that is probably intended: by similar names of instances, otherwise by similar names of types. Names of
-    /// instances come with the other similar names.
+    /// Returns the instance that is probably intended: by similar names of instances, otherwise by similar names of
+    /// types. Names of instances come with the other similar names.
     fn suggestion(&mut self, name: &str) -> Option<(usize, Option<Near<'a>>)> {
         let names = self.instances.iter().map(|instance| instance.name.text.as_str());
         if let Some(near) = self.diagnostics.near(name, names) {

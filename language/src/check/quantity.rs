@@ -5,7 +5,8 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::unit;
 
-/// Returns a diagnostic if a value is not a quantity of the type `kind`. Returns none if it is, or if `kind` is not a type of quantities.
+/// Returns a diagnostic if a value is not a quantity of the type `kind`. Returns none if it is, or if `kind` is not a
+/// type of quantities.
 pub(super) fn misfit(param: &Param, kind: &str, value: &Value) -> Option<Diagnostic> {
     let (dimension, example) = unit::of_type(kind)?;
     let number = match &value.kind {

@@ -69,7 +69,8 @@ impl Range {
         }
     }
 
-    /// Returns the allowed values as text, such as `a value from 1 N to 200 N`. `unit` is the unit of the numbers, if they have one.
+    /// Returns the allowed values as text, such as `a value from 1 N to 200 N`. `unit` is the unit of the numbers, if
+    /// they have one.
     pub(crate) fn expected(&self, unit: Option<&str>) -> String {
         let with_unit = |value: &Value| in_unit(value, unit);
         match &self.values {
@@ -127,7 +128,8 @@ pub(crate) fn outside(param: &Param, range: &Range, value: &Constant, span: Span
     Diagnostic::new(Code::E0217, span, message).reason(range.span, "declared here")
 }
 
-/// Returns whether values of this parameter are compared with the range as a whole. For a list, the elements are compared instead.
+/// Returns whether values of this parameter are compared with the range as a whole. For a list, the elements are
+/// compared instead.
 pub(crate) fn is_plain(spec: &Spec, param: &Param) -> bool {
     param.kind.as_ref().is_none_or(|kind| matches!(spec.shape(kind), Shape::Plain(_)))
 }

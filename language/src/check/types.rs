@@ -155,7 +155,8 @@ fn check_backoff(module: Option<&Module>, group: &Process, instance: &Instance) 
     })
 }
 
-/// Returns the arguments of a module after its host. The host is the first argument, if it is a name or a text, or is named `host`.
+/// Returns the arguments of a module after its host. The host is the first argument, if it is a name or a text, or is
+/// named `host`.
 pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     match args.first() {
         Some(Arg { name: None, value }) => match value.kind {
@@ -287,7 +288,8 @@ fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// Returns the process that a deployment starts. This is `main`, otherwise the only process that no other process instantiates.
+/// Returns the process that a deployment starts. This is `main`, otherwise the only process that no other process
+/// instantiates.
 pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> {
     let used = spec.processes.iter().flat_map(|process| &process.instances).map(|instance| instance.target);
     let used: BTreeSet<usize> = used

@@ -78,7 +78,8 @@ impl Printer<'_> {
         )
     }
 
-    /// Returns the last operand of `a, (`, or of `a else match {`, if it may begin in this line and continue on the lines below.
+    /// Returns the last operand of `a, (`, or of `a else match {`, if it may begin in this line and continue on the
+    /// lines below.
     fn hanging(&self, node: &SyntaxNode) -> Option<SyntaxNode> {
         let operands: Vec<SyntaxNode> = node.children().collect();
         let last = operands.last()?;

@@ -81,7 +81,8 @@ impl<'t> Printer<'t> {
         start..self.index(start, range.end().into())
     }
 
-    /// Returns the first token at an offset or after it, from the token `from` on. The search is fast if the token is near.
+    /// Returns the first token at an offset or after it, from the token `from` on. The search is fast if the token is
+    /// near.
     fn index(&self, from: usize, offset: u32) -> usize {
         let rest = &self.pieces[from..];
         let mut near = 1;
@@ -92,7 +93,8 @@ impl<'t> Printer<'t> {
         from + low + rest[low..high].partition_point(|piece| piece.start < offset)
     }
 
-    /// Returns whether these tokens fit into the current line, if `reserve` columns must be left for the following tokens.
+    /// Returns whether these tokens fit into the current line, if `reserve` columns must be left for the following
+    /// tokens.
     pub(super) fn fits(&self, range: &Range<usize>, reserve: usize) -> bool {
         let column = if self.starts_line { self.indent * INDENT } else { self.column };
         column + self.sums.width(range) + reserve <= COLUMNS
@@ -262,7 +264,8 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// Closes the content before a closing bracket, and writes the bracket. Comments before the bracket belong to the content.
+    /// Closes the content before a closing bracket, and writes the bracket. Comments before the bracket belong to the
+    /// content.
     pub(super) fn close(&mut self) {
         let is_empty = self.is_empty_block();
         self.comments();

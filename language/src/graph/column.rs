@@ -89,7 +89,8 @@ fn nets(links: &[Link]) -> Vec<Net> {
     nets
 }
 
-/// Returns the connected members in an order in which most arrows lead forward. A very large group has the order of the text.
+/// Returns the connected members in an order in which most arrows lead forward. A very large group has the order of the
+/// text.
 fn order(unit: &Unit) -> Vec<usize> {
     let inner: Vec<(usize, usize)> = unit.links.iter().filter_map(|link| link.from.unit.zip(link.to.unit)).collect();
     let ends = unit.links.iter().flat_map(|link| [link.from.unit, link.to.unit]).flatten();
@@ -106,7 +107,8 @@ fn order(unit: &Unit) -> Vec<usize> {
             };
             inner.iter().filter(touches).count()
         };
-        // First comes a member without incoming arrows. Otherwise, it is a member that sends more than it receives, or else the first.
+        // First comes a member without incoming arrows. Otherwise, it is a member that sends more than it receives, or
+        // else the first.
         let best = left.iter().copied().min_by_key(|&member| {
             let ins = count(member, true);
             let balance = ins.saturating_sub(count(member, false));

@@ -1,5 +1,5 @@
-//! Routes arrows in straight pieces through the channels between columns. Each net has its own lane in each channel where it changes its
-//! height. Nets that lead backwards are drawn below all boxes.
+//! Routes arrows in straight pieces through the channels between columns. Each net has its own lane in each channel
+//! where it changes its height. Nets that lead backwards are drawn below all boxes.
 
 use super::column::{Columns, Item};
 use super::layout::{PORT_STEP, Placed, TOP, label_width, labels};
@@ -69,8 +69,8 @@ impl<'a> Router<'a> {
         router
     }
 
-    /// Returns the ends of nets that share a port. They end next to each other, in the order in which they arrive, because nets on top of
-    /// each other would look like one line.
+    /// Returns the ends of nets that share a port. They end next to each other, in the order in which they arrive,
+    /// because nets on top of each other would look like one line.
     fn fans(&self) -> BTreeMap<(End, usize), i32> {
         let mut ends: BTreeMap<End, BTreeSet<(bool, i32, usize)>> = BTreeMap::new();
         for (index, net) in self.columns.nets.iter().enumerate() {
@@ -150,7 +150,8 @@ impl<'a> Router<'a> {
         self.channels(link.to, false) < self.channels(link.from, true)
     }
 
-    /// Returns the heights between which a net changes in a channel: the height on the left, and all heights on the right.
+    /// Returns the heights between which a net changes in a channel: the height on the left, and all heights on the
+    /// right.
     fn turn(&self, net: usize, channel: usize) -> Option<(i32, Vec<i32>)> {
         let source = self.columns.nets[net].from;
         let first = self.channels(source, true);
@@ -169,8 +170,8 @@ impl<'a> Router<'a> {
         Some((left, right))
     }
 
-    /// Returns the turns of each channel, from left to right. First come arrows that leave backwards, then falling nets, rising nets, and
-    /// arrows that return from below.
+    /// Returns the turns of each channel, from left to right. First come arrows that leave backwards, then falling
+    /// nets, rising nets, and arrows that return from below.
     fn lanes(&self) -> Vec<Vec<Turn>> {
         let mut lanes: Vec<Vec<((i32, i32), Turn)>> = vec![Vec::new(); self.count() + 1];
         for net in 0..self.columns.nets.len() {

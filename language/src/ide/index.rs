@@ -1,7 +1,7 @@
 //! The index of all names of a spec: the declaration of each, and every place where it is used.
 //!
-//! Declarations come from the checker's result. References come from a walk over the trees, which uses this result. So each name, also a
-//! lenient one, has the same meaning here as at run time.
+//! Declarations come from the checker's result. References come from a walk over the trees, which uses this result. So
+//! each name, also a lenient one, has the same meaning here as at run time.
 
 mod walk;
 
@@ -34,8 +34,8 @@ pub(super) enum Kind {
     Variable,
     /// A resource that `using` takes, with its process and its index.
     Resource(usize, usize),
-    /// A tag that a process can end with. The same word is always the same outcome, whichever process declares it, because a `match` does
-    /// not distinguish them.
+    /// A tag that a process can end with. The same word is always the same outcome, whichever process declares it,
+    /// because a `match` does not distinguish them.
     Outcome,
 }
 
@@ -120,7 +120,8 @@ impl Index {
         index
     }
 
-    /// Returns the symbol at a byte offset of the spec. The offset may be directly after the last character of the name.
+    /// Returns the symbol at a byte offset of the spec. The offset may be directly after the last character of the
+    /// name.
     pub(super) fn at(&self, offset: usize) -> Option<usize> {
         self.place_at(offset).map(|(_, symbol)| symbol)
     }

@@ -1,7 +1,7 @@
 //! Renames a declaration and all its uses.
 //!
-//! A rename is correct when every name of the new text has the same meaning as in the old text. This is checked by reading the new text, so
-//! the check covers every rule of the language.
+//! A rename is correct when every name of the new text has the same meaning as in the old text. This is checked by
+//! reading the new text, so the check covers every rule of the language.
 
 use super::index::{Index, Kind};
 use super::{Analysis, Declaration};
@@ -146,11 +146,12 @@ impl Analysis {
     }
 }
 
-/// Returns the edits that rename a declaration in all of the texts. Each edit occurs once. `specs` must contain all specs that may use the
-/// name. Other specs among them stay unchanged.
+/// Returns the edits that rename a declaration in all of the texts. Each edit occurs once. `specs` must contain all
+/// specs that may use the name. Other specs among them stay unchanged.
 ///
 /// # Errors
-/// The error is a sentence for a person: the name belongs to another text, is not a valid name, is taken, or would change a meaning.
+/// The error is a sentence for a person: the name belongs to another text, is not a valid name, is taken, or would
+/// change a meaning.
 pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Result<Vec<FileEdit>, RenameError> {
     if !is_name(to) {
         return Err(RenameError::Invalid { to: to.to_owned() });
@@ -197,7 +198,8 @@ fn is_element(rest: &str) -> bool {
     rest.strip_prefix('_').is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// Returns whether each name has the same meaning as before: after the edits moved them, the same places have the same declarations.
+/// Returns whether each name has the same meaning as before: after the edits moved them, the same places have the same
+/// declarations.
 fn same_meaning(before: &Index, after: &Index, edits: &[(Span, String)]) -> bool {
     let moved: BTreeMap<Span, Span> = before.all().map(|(span, _)| (span, moved(span, edits))).collect();
     let old = before.all().map(|(span, symbol)| (moved[&span], moved[&before.symbols[symbol].declaration]));

@@ -1,4 +1,5 @@
-//! The events in a story of a verifier. Each event is one line of text: `done main/arm found`, `elapsed main 1`, `lost c2`.
+//! The events in a story of a verifier. Each event is one line of text: `done main/arm found`, `elapsed main 1`, `lost
+//! c2`.
 
 use crate::automaton::Failure;
 use crate::syntax::ast::content;
@@ -18,7 +19,8 @@ pub enum TraceEvent {
     Fails(String, Option<Failure>),
     /// A process that was asked to stop has stopped.
     Stopped(String),
-    /// The time of a `wait` or a limit of a group has passed. The number counts the waits and limits in the order of the text, from 1.
+    /// The time of a `wait` or a limit of a group has passed. The number counts the waits and limits in the order of
+    /// the text, from 1.
     Elapsed(String, u32),
     /// An order to stop arrives at a group.
     Reached(String),

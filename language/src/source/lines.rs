@@ -6,8 +6,8 @@ use std::ops::Range;
 /// The block size for counting characters, in bytes.
 const BLOCK: usize = 1024;
 
-/// The beginnings of a text's lines, and the number of characters before each block. So looking up a place takes the same time everywhere,
-/// in a text of any length with any number of lines.
+/// The beginnings of a text's lines, and the number of characters before each block. So looking up a place takes the
+/// same time everywhere, in a text of any length with any number of lines.
 #[derive(Clone, Debug)]
 pub struct Lines<'a> {
     source: &'a Source,

@@ -125,7 +125,8 @@ impl Token {
     }
 }
 
-/// Returns whether a `match` chooses by the reason of a failure, because it comes after an `else`, with or without parentheses.
+/// Returns whether a `match` chooses by the reason of a failure, because it comes after an `else`, with or without
+/// parentheses.
 pub(crate) fn catches(node: &Node) -> bool {
     let mut operand = node.syntax().clone();
     while let Some(around) = operand.parent().filter(|around| around.kind() == SyntaxKind::Paren) {

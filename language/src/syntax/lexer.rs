@@ -47,7 +47,8 @@ const SYMBOLS: &[(&str, SyntaxKind)] = &[
 /// The byte order mark, with which some editors begin a text. It has no meaning.
 const MARK: char = '\u{feff}';
 
-/// Returns the tokens of a text. They cover the text without a gap. The text may have at most [`crate::source::SOURCE_MAX`] bytes.
+/// Returns the tokens of a text. They cover the text without a gap. The text may have at most
+/// [`crate::source::SOURCE_MAX`] bytes.
 pub fn lex(text: &str) -> Vec<Token> {
     lex_at_most(text, usize::MAX).unwrap_or_default()
 }
@@ -111,7 +112,8 @@ fn length_while(rest: &str, belongs: impl Fn(char) -> bool) -> usize {
     rest.find(|c| !belongs(c)).unwrap_or(rest.len())
 }
 
-/// Returns the length of a number: `12`, `1_000`, `0.25`, `1e-3`. `0..4` begins with the number `0`, and `5 m` with the number `5`.
+/// Returns the length of a number: `12`, `1_000`, `0.25`, `1e-3`. `0..4` begins with the number `0`, and `5 m` with the
+/// number `5`.
 fn number_length(rest: &str) -> usize {
     let digits = |from: usize| from + length_while(&rest[from..], |c| c.is_ascii_digit() || c == '_');
     let starts_digit = |from: usize| rest[from..].starts_with(|c: char| c.is_ascii_digit());

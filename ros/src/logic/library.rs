@@ -50,15 +50,16 @@ pub fn actions() -> impl Iterator<Item = TypeName> {
     names.flatten()
 }
 
-/// Returns the types that programs use as parts: requests and responses of services, and goals, results and feedback of actions.
+/// Returns the types that programs use as parts: requests and responses of services, and goals, results and feedback of
+/// actions.
 pub fn parts() -> impl Iterator<Item = TypeName> {
     let of_services = services().flat_map(|service| [service.request(), service.response()]);
     let of_actions = actions().flat_map(|action| ["_Goal", "_Result", "_Feedback"].map(|ending| action.with(ending)));
     of_services.chain(of_actions)
 }
 
-/// Returns the standard type with this name in specs: a message, a service or an action, or a part of one, such as `ros.sensor.LaserScan`
-/// or `ros.std_srvs.Trigger_Request`.
+/// Returns the standard type with this name in specs: a message, a service or an action, or a part of one, such as
+/// `ros.sensor.LaserScan` or `ros.std_srvs.Trigger_Request`.
 pub fn by_spec(text: &str) -> Option<TypeName> {
     let (package, name) = spec_words(text)?;
     let is_meant = |found: &TypeName| spec_package(found.package()) == package && found.name() == name;
@@ -67,7 +68,8 @@ pub fn by_spec(text: &str) -> Option<TypeName> {
     messages.chain(services()).chain(actions()).chain(parts()).find(is_meant)
 }
 
-/// Returns the standard service with this request and response, by their names in specs: `ros.std_srvs.Trigger_Request` and
+/// Returns the standard service with this request and response, by their names in specs: `ros.std_srvs.Trigger_Request`
+/// and
 /// `ros.std_srvs.Trigger_Response`.
 pub fn service_of(request: &str, response: &str) -> Option<TypeName> {
     let request = by_spec(request)?;

@@ -9,7 +9,8 @@ const PREFIX: &str = "ros.";
 /// The endings of names of packages that a spec omits.
 const ENDINGS: [&str; 2] = ["_msgs", "_interfaces"];
 
-/// The name of a message, a service or an action, or of a part of one, in the form of ROS 2: `sensor_msgs/msg/LaserScan`.
+/// The name of a message, a service or an action, or of a part of one, in the form of ROS 2:
+/// `sensor_msgs/msg/LaserScan`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TypeName {
     package: String,

@@ -48,7 +48,8 @@ pub(super) enum Infix {
     Times,
 }
 
-/// Returns the operators between the operands of a formula, from left to right. Operators in its operands are not included.
+/// Returns the operators between the operands of a formula, from left to right. Operators in its operands are not
+/// included.
 pub(super) fn infixes(node: &Node) -> Vec<Infix> {
     let tokens: Vec<Token> = node.tokens().collect();
     let mut found = Vec::new();

@@ -1,4 +1,5 @@
-//! The normal ends of an activity: `done(held: Pose | gave_up);` declares the outcomes, and each `-> done(held v)` names one of them.
+//! The normal ends of an activity: `done(held: Pose | gave_up);` declares the outcomes, and each `-> done(held v)`
+//! names one of them.
 
 use super::ActivityReader;
 use crate::algebra::Value;

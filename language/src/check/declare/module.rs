@@ -48,7 +48,8 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
     Some(module)
 }
 
-/// Returns whether a parameter is the host. The host is the first argument of every module, and an interface need not declare it.
+/// Returns whether a parameter is the host. The host is the first argument of every module, and an interface need not
+/// declare it.
 fn is_host(param: &Param) -> bool {
     param.name.text == "host" || param.kind.as_ref().is_some_and(|kind| kind.text == "Host")
 }

@@ -1,11 +1,13 @@
-//! Reports Python programs that were asked for their interfaces and failed. Each instance of their modules gets a report.
+//! Reports Python programs that were asked for their interfaces and failed. Each instance of their modules gets a
+//! report.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Role, Source};
 
-/// Reports the failures of programs in `interfaces`. A failure is a source with [`Role::Missing`], whose name is the `exec` of a module.
+/// Reports the failures of programs in `interfaces`. A failure is a source with [`Role::Missing`], whose name is the
+/// `exec` of a module.
 pub(crate) fn check(spec: &Spec, interfaces: &[Source], diagnostics: &mut Diagnostics) {
     let failed = |command: &str| {
         interfaces.iter().find_map(|source| match &source.role {

@@ -1,9 +1,9 @@
-//! Parameters that decide the shape of a group, for example the number of instances of an array, or a time. They are called shape
-//! parameters.
+//! Parameters that decide the shape of a group, for example the number of instances of an array, or a time. They are
+//! called shape parameters.
 //!
-//! A group with shape parameters is read once for each choice of their values in its instances, as if the parameters were constants. The
-//! rest of the checker sees only groups without shape parameters. If a group passes a parameter on to a shape parameter, this parameter is
-//! a shape parameter as well.
+//! A group with shape parameters is read once for each choice of their values in its instances, as if the parameters
+//! were constants. The rest of the checker sees only groups without shape parameters. If a group passes a parameter on
+//! to a shape parameter, this parameter is a shape parameter as well.
 
 use super::{ItemCollector, params, process};
 use crate::check::diagnostics::{Diagnostics, Rounds};
@@ -62,7 +62,8 @@ impl Templates {
         template.is_some_and(|template| template.node.span() == item.span())
     }
 
-    /// Reads each of these groups with the values of its instances. A group without instances is read with its defaults.
+    /// Reads each of these groups with the values of its instances. A group without instances is read with its
+    /// defaults.
     pub(in crate::check) fn expand(&self, declare: &mut ItemCollector<'_>) {
         let mut reading = Specializer {
             declare,
@@ -150,7 +151,8 @@ impl Template {
         self.default(name).unwrap_or_else(broken)
     }
 
-    /// Returns the parameters of this group that its instances get as arguments, each with the parameter of the instance.
+    /// Returns the parameters of this group that its instances get as arguments, each with the parameter of the
+    /// instance.
     fn handed_on(&self, all: &BTreeMap<String, Self>) -> Vec<(String, Place)> {
         let own: BTreeSet<&str> = self.params.iter().map(|param| param.name.text.as_str()).collect();
         let mut found = Vec::new();
@@ -173,7 +175,8 @@ impl Template {
         found
     }
 
-    /// Returns the values that an instance gives to the shape parameters. A missing value without a default is reported with the arguments.
+    /// Returns the values that an instance gives to the shape parameters. A missing value without a default is reported
+    /// with the arguments.
     fn values(&self, instance: &Instance, outer: (&[Param], Option<&ShapeArgs>)) -> ShapeArgs {
         let positional: Vec<&Value> =
             instance.args.iter().filter(|arg| arg.name.is_none()).map(|arg| &arg.value).collect();

@@ -118,8 +118,9 @@ fn range(node: &Node, group: &mut Group<'_>) -> Option<(usize, usize)> {
     None
 }
 
-/// Returns the instance that `name[index][labels]` runs, and the labels. The first brackets hold an index if they hold a number, or if
-/// `name` is the name of an array. In a pool, an array needs no index, because the place is the default.
+/// Returns the instance that `name[index][labels]` runs, and the labels. The first brackets hold an index if they hold
+/// a number, or if `name` is the name of an array. In a pool, an array needs no index, because the place is the
+/// default.
 pub(super) fn run_of(node: &Node, name: Name, group: &mut Group<'_>) -> Option<(Name, Vec<Name>)> {
     let brackets: Vec<Node> = node.children_of(Labels).collect();
     let is_array = group.names.arrays.contains_key(&name.text);

@@ -76,7 +76,8 @@ fn is_over_at_once(expr: &Expr) -> bool {
     }
 }
 
-/// Makes the diagnostic for `skip # P`, in which P never starts, and for `P # skip`, in which P is stopped right after its start.
+/// Makes the diagnostic for `skip # P`, in which P never starts, and for `P # skip`, in which P is stopped right after
+/// its start.
 fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
     let (other, message, label) = match parts.get(index + 1) {
         Some(next) => (next, "this never starts: what stands before it is over at once", "never starts"),

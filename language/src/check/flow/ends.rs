@@ -1,5 +1,5 @@
-//! Finds the possible ends of an expression when any process may fail at any time. The check of services cannot find them, because it
-//! considers only runs without faults.
+//! Finds the possible ends of an expression when any process may fail at any time. The check of services cannot find
+//! them, because it considers only runs without faults.
 
 use super::service;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
@@ -15,7 +15,8 @@ pub(super) struct Ends {
 }
 
 impl Ends {
-    /// The ends of a process that ends. It may also abort, because any program can fail, and the host of a group can fail as well.
+    /// The ends of a process that ends. It may also abort, because any program can fail, and the host of a group can
+    /// fail as well.
     const TASK: Self = Self { done: Some(Duration::ZERO), aborted: true };
     /// The ends of a module that never ends. Its normal end also counts as a failure.
     const SERVICE: Self = Self { done: None, aborted: true };
@@ -31,7 +32,8 @@ pub(super) struct Members {
     pub(super) services: Vec<bool>,
 }
 
-/// Returns the instances of every group of the spec. At this point, no group contains itself, and services are inferred.
+/// Returns the instances of every group of the spec. At this point, no group contains itself, and services are
+/// inferred.
 pub(super) fn members(spec: &Spec) -> Vec<Members> {
     let mut known = vec![None; spec.processes.len()];
     spec.processes.iter().map(|process| members_of(spec, process, &mut known)).collect()
@@ -62,7 +64,8 @@ fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<Ends>>) -> Ends {
 }
 
 impl Members {
-    /// Returns the same instances, but with one difference: a group that is a service is never done, even if it tolerates failures.
+    /// Returns the same instances, but with one difference: a group that is a service is never done, even if it
+    /// tolerates failures.
     pub(super) fn without_tolerance(&self) -> Self {
         let ends = self.ends.iter().zip(&self.services);
         let ends = ends.map(|(ends, is_service)| if *is_service { Ends::SERVICE } else { *ends });

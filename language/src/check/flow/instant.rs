@@ -22,8 +22,8 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// Returns how a group can end at once. `known` has the results for groups that were already visited. At this point, no group contains
-/// itself.
+/// Returns how a group can end at once. `known` has the results for groups that were already visited. At this point, no
+/// group contains itself.
 fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<InstantEnds>>) -> InstantEnds {
     if let Some(found) = known[group] {
         return found;

@@ -1,5 +1,5 @@
-//! Finds values that get lost: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without the value that `look` has
-//! found.
+//! Finds values that get lost: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without the
+//! value that `look` has found.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Expr, ExprKind, Outcome, Process, Spec, Target};

@@ -100,8 +100,8 @@ pub(super) fn wait_first(pause: Option<Duration>, number: u32) -> Option<Duratio
     pause.filter(|_| number > 0)
 }
 
-/// Joins the operands of an associative operator. Many operands are joined to a tree of logarithmic depth, because the depth of a plan is
-/// limited and the length of a sequence is not.
+/// Joins the operands of an associative operator. Many operands are joined to a tree of logarithmic depth, because the
+/// depth of a plan is limited and the length of a sequence is not.
 fn balance(mut parts: Vec<Expression>, join: fn(Box<Expression>, Box<Expression>) -> Expression) -> Expression {
     if parts.len() < 2 {
         return parts.pop().unwrap_or(Expression::Skip);

@@ -8,7 +8,8 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Leaf, Transfer, Wire};
 use std::collections::BTreeSet;
 
-/// Reports each instance with `runs_in` that cannot refer to a process of another deployment. `name` is the name of this deployment.
+/// Reports each instance with `runs_in` that cannot refer to a process of another deployment. `name` is the name of
+/// this deployment.
 pub(super) fn check(spec: &Spec, tree: &Tree, name: &str, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let mut told = BTreeSet::new();
     for (number, leaf) in (0_u32..).zip(&tree.leaves) {

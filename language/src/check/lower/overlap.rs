@@ -1,5 +1,5 @@
-//! Checks the connections of a process whose old and new program are to overlap. Only its own supervisor can hand connections over, and
-//! only connections with pushed values.
+//! Checks the connections of a process whose old and new program are to overlap. Only its own supervisor can hand
+//! connections over, and only connections with pushed values.
 
 use super::tree::Tree;
 use crate::check::diagnostics::Diagnostics;

@@ -19,8 +19,8 @@ impl<'a> Quotes<'a> {
         Self { spec: lines(spec), others: others.iter().map(lines).collect() }
     }
 
-    /// Returns the reason for the failure of an expression by its deadline. It quotes the text, and names the line, and the file if it is
-    /// not the spec.
+    /// Returns the reason for the failure of an expression by its deadline. It quotes the text, and names the line, and
+    /// the file if it is not the spec.
     pub(super) fn deadline(&self, span: Span) -> String {
         let (source, lines) = match span.origin {
             Origin::Spec => &self.spec,

@@ -10,7 +10,8 @@ use crate::plan::Constant;
 use crate::source::Span;
 
 impl Builder<'_> {
-    /// Compares the arguments of an instance with the ranges of `params`. `outer` has the values of the parameters of the group around it.
+    /// Compares the arguments of an instance with the ranges of `params`. `outer` has the values of the parameters of
+    /// the group around it.
     pub(super) fn check_ranges(&mut self, params: &[Param], args: &[&Arg], outer: &[Data]) {
         let mut positional = params.iter();
         for arg in args {
@@ -35,7 +36,8 @@ impl Builder<'_> {
         expr.parts().into_iter().for_each(|part| self.check_starts(process, part, outer));
     }
 
-    /// Compares an argument with the range of its parameter. A literal value was compared earlier, but the value of a name was not.
+    /// Compares an argument with the range of its parameter. A literal value was compared earlier, but the value of a
+    /// name was not.
     fn check_given(&mut self, param: &Param, given: &Value, outer: &[Data]) {
         match (&given.kind, param.kind.as_ref().map(|kind| self.spec.shape(kind))) {
             (ValueKind::Param(_), _) => {

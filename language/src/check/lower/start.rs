@@ -29,7 +29,8 @@ impl<'a> Starts<'a> {
         self.found.into_inner()
     }
 
-    /// Returns the value that an expression is started with. A value that does not fit is reported, and the result is none.
+    /// Returns the value that an expression is started with. A value that does not fit is reported, and the result is
+    /// none.
     pub(super) fn given(&self, start: &StartValue, part: &Expr) -> Option<Given> {
         let StartValue::Known(value) = start else { return None };
         let takers = takers(self.spec, self.process, part);

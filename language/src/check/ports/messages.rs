@@ -28,8 +28,8 @@ impl Interfaces<'_> {
         sends(from) && to.direction == Direction::In && self.messages.contains(&to.name.span)
     }
 
-    /// Returns the reason if an activity would have to fetch values. Each message is an event that comes once, so an activity never
-    /// fetches.
+    /// Returns the reason if an activity would have to fetch values. Each message is an event that comes once, so an
+    /// activity never fetches.
     pub(super) fn pulled(&self, connection: &Connection, to: Option<&Port>) -> Option<Diagnostic> {
         let to = to.filter(|to| connection.transfer == Transfer::Pull && self.messages.contains(&to.name.span))?;
         let message = format!("`{}` takes messages as they come, and an activity fetches nothing", to.name.text);

@@ -1,7 +1,7 @@
 //! Reads the formula of `holds ltl "G (a -> F b.done)"`.
 //!
-//! `!`, `G` and `F` bind tightest. Then come `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), and `<->`. "Next" does not
-//! exist, because the number of steps between two events is not fixed.
+//! `!`, `G` and `F` bind tightest. Then come `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), and `<->`.
+//! "Next" does not exist, because the number of steps between two events is not fixed.
 
 use super::names::Names;
 use super::words::Words;

@@ -1,10 +1,12 @@
 //! The types in a text, and their shapes.
 //!
-//! Messages are compared by the names of their types, because programs that were built separately agree on nothing else. Their contents are
-//! compared only if both ends declare them. A record without a name is compared by its fields. Values are compared with the
+//! Messages are compared by the names of their types, because programs that were built separately agree on nothing
+//! else. Their contents are compared only if both ends declare them. A record without a name is compared by its fields.
+//! Values are compared with the
 //! shape of the type.
 //!
-//! A name means the type of that name in its own text, otherwise in the spec, because programs do not know each other's types.
+//! A name means the type of that name in its own text, otherwise in the spec, because programs do not know each other's
+//! types.
 
 use super::{Param, Process, Spec, Value, ValueKind};
 use crate::plan::Constant;

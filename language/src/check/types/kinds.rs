@@ -40,7 +40,8 @@ impl TypeChecker<'_> {
         }
     }
 
-    /// Compares an end of a range with its parameter or field. If this is a list, the end is compared with its elements.
+    /// Compares an end of a range with its parameter or field. If this is a list, the end is compared with its
+    /// elements.
     pub(super) fn bound(&mut self, param: &Param, value: &Value) {
         let element = match param.kind.as_ref().map(|kind| self.spec.shape(kind)) {
             Some(Shape::List(element, _)) => param.element(element),

@@ -43,7 +43,8 @@ struct Types<'a> {
     spec: &'a Spec,
     /// All types by their names in small letters.
     lowered: BTreeMap<String, Vec<Candidate<'a>>>,
-    /// All types, by the first letters of their words, because an abbreviation has the same first letters. Each comes with its words.
+    /// All types, by the first letters of their words, because an abbreviation has the same first letters. Each comes
+    /// with its words.
     initials: BTreeMap<String, Vec<(Vec<String>, Candidate<'a>)>>,
     /// The candidates of each lenient step, for names that were already looked up.
     known: BTreeMap<&'a str, [Vec<Candidate<'a>>; 2]>,
@@ -63,7 +64,8 @@ impl<'a> Types<'a> {
         Self { spec, lowered, initials: first, known: BTreeMap::new() }
     }
 
-    /// Returns two lists: types whose name differs from `kind` only in case, and types whose name or `kind` abbreviates the other.
+    /// Returns two lists: types whose name differs from `kind` only in case, and types whose name or `kind` abbreviates
+    /// the other.
     fn candidates(&self, kind: &str, diagnostics: &mut Diagnostics) -> [Vec<Candidate<'a>>; 2] {
         let same_but_case = self.lowered.get(&kind.to_lowercase()).cloned().unwrap_or_default();
         let own = words(kind);
@@ -86,7 +88,8 @@ impl<'a> Types<'a> {
             self.known.insert(&kind.text, candidates);
         }
         for step in &self.known[kind.text.as_str()] {
-            // A lenient name never refers to the group in which it is used, because this would be an unintended recursion.
+            // A lenient name never refers to the group in which it is used, because this would be an unintended
+            // recursion.
             let mut found = step.iter().filter(|(_, target)| *target != Target::Process(enclosing));
             if let (Some((name, target)), None) = (found.next(), found.next()) {
                 let message = format!("no type is called exactly `{}`", kind.text);
@@ -124,8 +127,8 @@ fn no_interface(spec: &Spec, names: &[(usize, &Name)], diagnostics: &mut Diagnos
     Some(diagnostic)
 }
 
-/// Returns whether both names have the same number of words, and each word of one is the start of the other's word: `DistDetector` and
-/// `DistanceDetector`.
+/// Returns whether both names have the same number of words, and each word of one is the start of the other's word:
+/// `DistDetector` and `DistanceDetector`.
 fn is_abbreviation(one: &[String], other: &[String]) -> bool {
     let is_short = |(a, b): (&String, &String)| a.starts_with(b.as_str()) || b.starts_with(a.as_str());
     one.len() == other.len() && std::iter::zip(one, other).all(is_short)

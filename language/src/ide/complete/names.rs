@@ -258,7 +258,8 @@ impl Analysis {
         resources.iter().map(|name| Completion::new(CompletionKind::Parameter, &name.text).detail("resource")).collect()
     }
 
-    /// Returns the outcomes that have no arm yet. They are the outcomes of the expression before the `match`, if it is known.
+    /// Returns the outcomes that have no arm yet. They are the outcomes of the expression before the `match`, if it is
+    /// known.
     pub(super) fn outcomes(&self, at: &Cursor) -> Vec<Completion> {
         let Some(node) = at.inside(SyntaxKind::Match) else { return Vec::new() };
         let given: BTreeSet<String> =

@@ -83,7 +83,8 @@ impl Analysis {
         }
     }
 
-    /// Returns the completions after a dot: the members of a group, the events of a process, or the outcomes of its normal end.
+    /// Returns the completions after a dot: the members of a group, the events of a process, or the outcomes of its
+    /// normal end.
     fn behind_dot(&self, process: &Process, before: &[Word]) -> Vec<Completion> {
         let mut target = None;
         let mut inside = Some(process);

@@ -161,8 +161,8 @@ pub(super) fn quantity(param: &Param) -> String {
     kind.map_or(String::new(), |(_, example)| format!(" A quantity such as `{example}`."))
 }
 
-/// Returns the remark for a module that remembers its state, so that its program may not be restarted alone. For other modules, the text is
-/// empty.
+/// Returns the remark for a module that remembers its state, so that its program may not be restarted alone. For other
+/// modules, the text is empty.
 fn memory_of(module: &Module) -> &'static str {
     match module.remembers {
         true => " It *remembers*: it may not be started again alone.",

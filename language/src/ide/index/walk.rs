@@ -1,7 +1,7 @@
 //! Finds the references to each name in the trees.
 //!
-//! The meaning of a node's names follows from the kind of the node and the order of the names. Other kinds of nodes have only parts and no
-//! names.
+//! The meaning of a node's names follows from the kind of the node and the order of the names. Other kinds of nodes
+//! have only parts and no names.
 
 mod activity;
 

@@ -8,8 +8,8 @@ use std::collections::{BTreeSet, VecDeque};
 const WAYS_MAX: usize = 2000;
 
 impl Simulation<'_> {
-    /// Brings a group to an end by events of its programs and timers. First tries only events that usually lead to this end. Otherwise
-    /// finds the shortest way.
+    /// Brings a group to an end by events of its programs and timers. First tries only events that usually lead to this
+    /// end. Otherwise finds the shortest way.
     pub(super) fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
         let group = self.group(path).ok_or("it is not a group")?;
         self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
@@ -64,7 +64,8 @@ impl Simulation<'_> {
         }
     }
 
-    /// Returns the possible events below a group. Answers come first, then ends, failures, timers, and deaths beyond the limit of a group.
+    /// Returns the possible events below a group. Answers come first, then ends, failures, timers, and deaths beyond
+    /// the limit of a group.
     fn possible(&self, path: &str) -> Vec<TraceEvent> {
         let prefix = format!("{path}/");
         let is_below = |other: &&str| other.starts_with(&prefix);

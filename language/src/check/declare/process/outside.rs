@@ -19,11 +19,12 @@ pub(super) struct OutsideConnection {
     end: Node,
 }
 
-/// Returns the reason if the ends of a connection are not allowed. The arguments are the connection, its ends outside, and the owner of its
-/// section.
+/// Returns the reason if the ends of a connection are not allowed. The arguments are the connection, its ends outside,
+/// and the owner of its section.
 type Misplaced = fn(&Node, &[Node], Option<&Node>) -> Option<Diagnostic>;
 
-/// Reads the connections of a group that have ends of this kind, one after the other. Reports connections that are not allowed.
+/// Reads the connections of a group that have ends of this kind, one after the other. Reports connections that are not
+/// allowed.
 pub(super) fn each(
     group: &Node,
     kind: SyntaxKind,
