@@ -121,13 +121,13 @@ messages! {
         angles: [f64; 6] = "Angle[6]",
         /// The rates of the joints (rad/s).
         rates: [f64; 6] = "AngularSpeed[6]",
-        /// As in [`BaseStatus`] (s).
+        /// When a command was last obeyed (s); 0 if none was.
         commanded: f64 = "Time",
-        /// As in [`BaseStatus`] (s).
+        /// When the watchdog last ended a command (s); 0 if it never did.
         stopped: f64 = "Time",
-        /// As in [`BaseStatus`].
+        /// The number of refused commands: without the lock, or under a grant that is over.
         refused: f64 = "Number",
-        /// As in [`BaseStatus`].
+        /// The holder of the lock; empty if there is none.
         holder: String = "Text",
     }
     /// The gripper as its server shows it. Times count from the start of the host.
@@ -136,11 +136,11 @@ messages! {
         width: f64 = "Length",
         /// The force with which the fingers press (N).
         force: f64 = "Force",
-        /// As in [`BaseStatus`] (s).
+        /// When a command was last obeyed (s); 0 if none was.
         commanded: f64 = "Time",
-        /// As in [`BaseStatus`].
+        /// The number of refused commands: without the lock, or under a grant that is over.
         refused: f64 = "Number",
-        /// As in [`BaseStatus`].
+        /// The holder of the lock; empty if there is none.
         holder: String = "Text",
     }
     /// A width for the fingers to go to.

@@ -1,8 +1,8 @@
 //! The controller that stands in for a process whose values were recorded. `dca replay` puts it into a plan.
 //!
-//! Each activation plays the next recorded activation. Its values leave the outputs at the recorded times since the
-//! beginning of the activation, and it ends as recorded. Values for its inputs are ignored, and its procedures refuse
-//! every call.
+//! Each activation plays the next recorded activation. The recorded values leave the outputs at the recorded times since
+//! the beginning of the activation, and the activation ends as recorded. Values for the inputs are ignored, and the
+//! procedures refuse every call.
 
 use crate::sdk::{
     About, Access, Activity, Arguments, CallInterface, Configured, Delivery, DeliveryError, Direction, ExportInterface,
@@ -54,7 +54,7 @@ impl Replay {
     /// Makes a stand-in that is not active yet.
     ///
     /// # Errors
-    /// A sentence for a person: its file cannot be read.
+    /// A sentence for a person, if the file cannot be read.
     pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
         let file = arguments.text("file");
         let steps = std::fs::metadata(file).and_then(|about| {

@@ -67,8 +67,8 @@ impl Guide {
     }
 }
 
-/// The number of hops in the whole force loop, as wired in the door specs: sensor, ForceTorque, CompliantCtrl or
-/// ModelBasedCtrl, AddVelocity, RedundancyResolution, Puma560Ctrl, arm. Then the number of hops before the law.
+/// The number of hops in the whole force loop, and the number of hops before the law. The door specs wire the loop:
+/// sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl, AddVelocity, RedundancyResolution, Puma560Ctrl, arm.
 const HOPS: (f64, f64) = (6.0, 2.0);
 /// The delay of the force loop in addition to its hops: the drives' lag, and half a period (s).
 const LAG: f64 = 0.035;

@@ -51,8 +51,8 @@ mod tests {
 
     const DT: f64 = 0.01;
 
-    /// A joint with a `lag` (s) and a delay of some steps is commanded to move at `rate` (rad/s). Its encoder sticks
-    /// from the time `sticks` on (s). Returns how long after that the law notices it (s), and for which joint.
+    /// A joint with a `lag` (s) and a delay of some steps is commanded to move at `rate` (rad/s). The joint's encoder
+    /// sticks from the time `sticks` on (s). Returns how long after that the law notices this (s), and for which joint.
     fn noticed(rate: impl Fn(f64) -> f64, lag: f64, sticks: f64) -> Option<(f64, usize)> {
         let (mut follow, mut speed, mut joints) = (Follow::default(), 0.0, Joints::zeros());
         let mut said = vec![joints; 10];

@@ -37,12 +37,12 @@ const ROOM_MIN: f64 = 0.10;
 /// Sides of a corridor further away than this (m) do not belong to a door.
 const SIDE_MAX: f64 = 1.5;
 
-/// A straight way: a place on it (m), and its direction (rad).
+/// A straight way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Way {
-    /// A place on it (m).
+    /// A place on the way (m).
     pub at: Vector2<f64>,
-    /// Its direction (rad).
+    /// The direction of the way (rad).
     pub heading: f64,
 }
 

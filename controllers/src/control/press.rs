@@ -82,7 +82,7 @@ pub enum State {
     Pressing,
     /// The lever is at its stop, or has given way.
     Down,
-    /// The lever resists at once, or never does.
+    /// The lever resists at once, or it never resists.
     Stuck,
 }
 

@@ -35,7 +35,7 @@ pub enum Swing {
 /// The direction in which the door opens, as far as known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Opens {
-    /// The hand finds it out.
+    /// The direction is unknown. The hand finds it out.
     #[default]
     Either,
     /// Towards the robot.

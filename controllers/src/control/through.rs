@@ -381,7 +381,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_said() {
-        // The leaf alone shows it: 0.66 m where 0.72 m are needed, and a leaf of 0.9 m at 40 degrees.
+        // The leaf alone shows that the passage is narrow: 0.66 m where 0.72 m are needed, and a leaf of 0.9 m at 40 degrees.
         let narrow = door(FRAC_PI_2, 0.66, 1.0);
         let Step::Failed(Failure::Narrow(missing, None)) = drive(&narrow, &narrow, 1.0).0 else { panic!("it passes") };
         assert!((missing - 0.06).abs() < 1e-6, "{missing}");

@@ -391,9 +391,9 @@ mod tests {
         /// The largest force, and the force at the end (N).
         most: f64,
         left: f64,
-        /// The way of the leaf until the end (m).
+        /// How far the leaf has moved until the end (m).
         moved: f64,
-        /// When it ended (s); none if it did not.
+        /// When the unloading ended (s); none if it did not end.
         ended: Option<f64>,
     }
 

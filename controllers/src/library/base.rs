@@ -65,7 +65,7 @@ impl Xr4000Ctrl {
         self.command
     }
 
-    /// Returns whether the bumper is pressed. If it is, the command becomes zero.
+    /// Returns whether the bumper is pressed. A pressed bumper makes the command zero.
     fn bumped(&mut self, now: Time, state: &In<BaseState>) -> bool {
         let pressed = state.fresh_within(now, SENSED).is_some_and(|state| state.bumped);
         if pressed && self.away.is_none() {

@@ -162,7 +162,7 @@ struct Due {
 }
 
 impl Due {
-    /// Returns whether it is time. Missed times are skipped.
+    /// Returns whether the next time has come. Missed times are skipped.
     fn is_now(&mut self, now: Time) -> bool {
         let due = now >= self.next;
         while self.next <= now {

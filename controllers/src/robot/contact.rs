@@ -11,24 +11,25 @@ const CENTRED: Vector3<f64> = Vector3::new(1.0, 0.0, 0.3);
 /// The contact of hand and lever.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// Of a fingertip against the lever (N/m).
+    /// The stiffness of a fingertip against the lever (N/m).
     pub touch_stiffness: f64,
-    /// (N s/m).
+    /// The damping of a fingertip against the lever (N s/m).
     pub touch_damping: f64,
     /// The largest distance from the lever's middle at which a fingertip meets it (m).
     pub touch_reach: f64,
     /// The largest distance from the lever's middle at which closing fingers meet it (m).
     pub grasp_reach: f64,
-    /// The largest angle between hand and lever at which the fingers close on it (rad): of the approach, and
-    /// the lever's direction either way round.
+    /// The largest angle between hand and lever at which the fingers close on the lever (rad). It holds for the approach,
+    /// and for the lever's direction either way round.
     pub grasp_turn: f64,
-    /// Of the lever in closed fingers (N/m).
+    /// The stiffness of the closed fingers that hold the lever (N/m).
     pub stiffness: f64,
-    /// (N s/m).
+    /// The damping of the closed fingers that hold the lever (N s/m).
     pub damping: f64,
-    /// The same against turning, handle axes (Nm/rad): weak about y, along which the fingers close, and about z.
+    /// The stiffness of the closed fingers against turning, handle axes (Nm/rad). It is low about y, along which the
+    /// fingers close, and about z.
     pub turn_stiffness: [f64; 3],
-    /// (Nm s/rad).
+    /// The damping of the closed fingers against turning (Nm s/rad).
     pub turn_damping: f64,
     /// A held lever slips out at this force (N).
     pub slip_force: f64,
@@ -89,7 +90,7 @@ pub struct Grasp {
 struct Held {
     /// The position of the hand at which the fingers do not strain the lever, in the handle frame (m).
     offset: Vector3<f64>,
-    /// This position once the fingers have centred the lever (m).
+    /// The same position after the fingers have centred the lever (m).
     centred: Vector3<f64>,
     /// The orientation of the hand in the handle frame when the fingers closed.
     rotation: UnitQuaternion<f64>,

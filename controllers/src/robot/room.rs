@@ -17,13 +17,13 @@ const WALK: f64 = 0.5;
 /// The description of a room. A negative length means that the object is absent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// From the latch's jamb to the side wall beside it (m).
+    /// The distance from the latch's jamb to the side wall beside it (m).
     pub beside_latch: f64,
-    /// From the hinge's jamb to the side wall beside it (m).
+    /// The distance from the hinge's jamb to the side wall beside it (m).
     pub beside_hinge: f64,
     /// The length of both side walls, towards the robot (m).
     pub depth: f64,
-    /// From the door to the wall of the next room (m).
+    /// The distance from the door to the wall of the next room (m).
     pub next_wall: f64,
     /// The angle of a second leaf, which meets the first at the latch (rad).
     pub second_leaf: f64,

@@ -60,7 +60,7 @@ enum Value {
 /// The place of the value of a secret.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Secret {
-    /// In the file with this path, as the program was started with the secret.
+    /// In the file with this path, which the program got at its start.
     File(String),
     /// In memory, because the value has changed since the start.
     Renewed(Arc<SecretBytes>),

@@ -168,7 +168,7 @@ pub struct About {
     pub service: bool,
     /// Whether the controller keeps state from one calculation to the next that it could not find again by itself.
     pub remembers: bool,
-    /// When it calculates.
+    /// When the controller calculates.
     pub schedule: Schedule,
     /// The longest duration of a stop.
     pub stop_within: Duration,

@@ -111,8 +111,8 @@ pub enum WatchEvent {
     Present(Vec<Entry>),
     /// All present values have been sent.
     Complete,
-    /// A transaction was committed, on this robot or another one. This is everything that it has written to watched
-    /// keys.
+    /// A transaction was committed, on this robot or another one. The change is everything that the transaction has
+    /// written to watched keys.
     Changed(Change),
     /// The watch is refused, so no events come.
     Refused(DatabaseRefusal),

@@ -37,7 +37,7 @@ impl Message for KeyNews {
 pub struct KeyPut {
     /// The number of the put, which its answer repeats.
     pub number: u64,
-    /// The key, one of those with which the output is connected.
+    /// The key. The output must be connected with it.
     pub key: String,
     /// The value; none deletes the key.
     pub value: Option<comms::logic::database::Stored>,

@@ -397,7 +397,7 @@ impl<T: Message> OutputPort for Out<T> {
     type Message = T;
 }
 
-/// The inputs of a controller. Implemented by `#[derive(Inputs)]`; `()` for none.
+/// The inputs of a controller. `#[derive(Inputs)]` implements this for a struct. A controller without inputs uses `()`.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a set of inputs",
     note = "a struct becomes one with `#[derive(Inputs)]`; `()` is for a controller without inputs"

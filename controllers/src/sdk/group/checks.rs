@@ -147,8 +147,8 @@ fn about(group: &'static str, doc: &'static str, members: &[Member]) -> Result<A
     })
 }
 
-/// Returns the start value of all members that declare one. They get the same bytes, so there is none if their types
-/// differ.
+/// Returns the start value of all members that declare one. These members get the same bytes, so there is none if
+/// their types differ.
 fn same(mut starts: impl Iterator<Item = StartValue>) -> Option<StartValue> {
     let first = starts.next()?;
     starts.all(|other| other == first).then_some(first)

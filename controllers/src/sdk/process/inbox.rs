@@ -87,7 +87,7 @@ impl Hold {
 #[derive(Debug)]
 pub(super) enum Item {
     Sample(Arrived),
-    /// So many values were sent to this input, but will not arrive.
+    /// This many values were sent to this input, but will not arrive.
     Lost(&'static str, u64),
     /// A switch of inputs has arrived: all samples before this item arrived before the switch.
     Taken(TakenSwitch),

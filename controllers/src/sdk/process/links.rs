@@ -23,7 +23,7 @@ use std::time::Duration;
 
 /// The time limit for reaching another program: dialling takes four round trips, of 3 s each on a long link.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
-/// How long this program waits for all others together after a restart. Some of them may be gone for ever.
+/// How long this program waits for all other programs together after a restart. Some may be gone for ever.
 const REJOIN_WITHIN: Duration = Duration::from_secs(1);
 
 /// The orders of the node: the wires and devices to link.

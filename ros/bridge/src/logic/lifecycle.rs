@@ -288,7 +288,7 @@ impl Lifecycle {
         }
     }
 
-    /// Returns whether the state of the node is still requested. If the node shall not work, it is asked until it has confirmed this.
+    /// Returns whether the state of the node is still requested. A node that must not work is asked until its state confirms this.
     fn is_watched(&self) -> bool {
         self.aim.wanted == Wanted::Active || self.standing == Standing::Underway
     }

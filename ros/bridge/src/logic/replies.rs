@@ -35,7 +35,7 @@ impl From<Failure> for ObjectError {
 }
 
 impl Failure {
-    /// Returns the failure of a call to a node: only the node itself refuses.
+    /// Returns the error of a call to a node. Without a server the call is unanswered, because only the node itself can refuse it.
     pub(crate) fn of_node(self) -> ObjectError {
         match self {
             Self::NoServer(_) => ObjectError::Unanswered { reason: self.to_string() },

@@ -1,4 +1,4 @@
-//! Values of wires and messages of ROS 2: both are CDR bytes. On a wire, their length is in front of them.
+//! Values of wires and messages of ROS 2. Both are CDR bytes. A value on a wire has its length before the bytes.
 
 use comms::logic::decode::Source;
 
