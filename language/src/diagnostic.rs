@@ -66,9 +66,10 @@ pub struct Diagnostic {
     pub choices: Vec<Fix>,
 }
 
-/// The most diagnostics that are kept for one spec. A person sees at most a hundred. `dca fix` and editors use more.
+/// The largest number of diagnostics that are kept for one spec. A person sees at most a hundred. `dca fix` and editors
+/// use more.
 pub(crate) const DIAGNOSTICS_MAX: usize = 10_000;
-/// The most secondary places of one diagnostic.
+/// The largest number of secondary places of one diagnostic.
 pub(crate) const REASONS_MAX: usize = 12;
 
 impl Fix {

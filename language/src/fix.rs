@@ -3,7 +3,7 @@
 use crate::source::Source;
 use crate::{Options, apply_fixes, compile};
 
-/// The most rounds. One fix may reveal another mistake, but this must end.
+/// The largest number of rounds. One fix may reveal another mistake, but this must end.
 const ROUNDS_MAX: usize = 16;
 
 /// Returns the spec's text with every fix applied. Fixes that only appear after other fixes are included.

@@ -6,9 +6,9 @@ use crate::syntax::ast::{Name, Node};
 use crate::syntax::parse;
 use std::collections::BTreeSet;
 
-/// The most files of one spec.
+/// The largest number of files of one spec.
 pub(crate) const FILES_MAX: usize = 1000;
-/// The most bytes of all files of one spec together.
+/// The largest number of bytes of all files of one spec together.
 const TEXTS_MAX: usize = 4 * SOURCE_MAX;
 
 /// The content of a path.

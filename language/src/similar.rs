@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 const EDIT: usize = 10;
 const LOOK_ALIKE: usize = 1;
 const CASE: usize = 2;
-/// The most characters of a name that are compared.
+/// The largest number of characters of a name that are compared.
 const LENGTH_MAX: usize = 64;
 
 /// The number of names that are offered in addition to the nearest name.

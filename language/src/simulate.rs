@@ -23,8 +23,8 @@ pub use random::RandomRun;
 pub use replay::ReplayError;
 pub use trace::{ProgramFault, TraceError, TraceEvent};
 
-/// The most events of one instant. The largest plan needs fewer to start everything and to stop it. More events mean that a loop repeats
-/// without any time passing.
+/// The largest number of events of one instant. The largest plan needs fewer to start everything and to stop it. More events mean that a
+/// loop repeats without any time passing.
 const INSTANT_MAX: usize = 10 * LEAVES_MAX;
 
 /// An event of a simulation.

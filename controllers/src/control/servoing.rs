@@ -18,7 +18,7 @@ const GAIN: (f64, f64) = (0.8, 0.4);
 const FAR: (f64, f64) = (40.0, 8.0);
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
-/// The most steps of a singular value decomposition; some 20 are usual.
+/// The largest number of steps of a singular value decomposition; some 20 are usual.
 const SVD_STEPS: usize = 500;
 
 /// The focal length of the camera, and its final distance from the handle. The calibration is measured on each robot.

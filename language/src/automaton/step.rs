@@ -12,11 +12,11 @@ use crate::algebra::{Activation, Activity, Cause, Outcome, Reason, Value};
 use std::collections::{BTreeSet, VecDeque};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// The most steps between configurations in one reaction.
+/// The largest number of steps between configurations in one reaction.
 const STEPS_MAX: usize = 256;
-/// The most signals and completions that may wait.
+/// The largest number of signals and completions that may wait.
 const RAISED_MAX: usize = 256;
-/// The most states that the reason of a livelock names.
+/// The largest number of states that the reason of a livelock names.
 const NAMES_MAX: usize = 8;
 /// The priority of ends, timers and notices: above all messages.
 const OWN: u16 = 256;

@@ -28,7 +28,7 @@ use std::collections::BTreeMap;
 
 /// The number of messages that may wait at a port, unless the port declares another number.
 const QUEUE: usize = 16;
-/// The most messages that may wait at a port.
+/// The largest number of messages that may wait at a port.
 const QUEUE_MAX: usize = 10_000;
 
 /// Returns whether a process is an activity.

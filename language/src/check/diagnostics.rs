@@ -6,11 +6,11 @@ use crate::similar::{self, Near};
 use crate::source::Span;
 use std::collections::BTreeSet;
 
-/// The most pairs of letters that are compared in search of similar names. A suggestion compares one name with all known names. So the work
-/// for a spec with only unknown names would grow with the square of its length.
+/// The largest number of pairs of letters that are compared in search of similar names. A suggestion compares one name with all known
+/// names. So the work for a spec with only unknown names would grow with the square of its length.
 const EFFORT_MAX: usize = 4_000_000;
 
-/// The most instances of arrays and connections of sets that are expanded, because a short text can declare very many of them.
+/// The largest number of instances of arrays and connections of sets that are expanded, because a short text can declare very many of them.
 const REPLICATED_MAX: usize = 20 * LEAVES_MAX;
 
 /// The diagnostics of one spec, in the order in which the passes find them.

@@ -20,9 +20,9 @@ use crate::syntax::ast::{Name, Node, Token};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-/// The most attempts of a `retry`. Each attempt is a copy of its operand.
+/// The largest number of attempts of a `retry`. Each attempt is a copy of its operand.
 const RETRY_MAX: usize = 100;
-/// The most suffixes of one operand, and the most `;;` and `::` in one chain.
+/// The largest number of suffixes of one operand, and of `;;` and `::` in one chain.
 const REPEAT_MAX: usize = 8;
 
 /// Makes an operator from its operands.

@@ -8,7 +8,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{Index, Number};
 use crate::syntax::ast::{Name, Node};
 
-/// The most instances of one array.
+/// The largest number of instances of one array.
 pub(super) const COUNT_MAX: usize = 1000;
 
 /// Returns the name of one instance of an array.

@@ -25,7 +25,7 @@ pub(super) use places::places;
 use quote::Quotes;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most operators and operands in the expanded event actions of one group.
+/// The largest number of operators and operands in the expanded event actions of one group.
 pub(super) const EXPRESSION_MAX: u64 = 100_000;
 
 /// Makes the plan of a spec without errors. Reports the mistakes that can only be found here.

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The least number of common letters that makes an abbreviation.
 const ABBREVIATION_MIN: usize = 4;
-/// The most names in one sentence.
+/// The largest number of names in one sentence.
 const LISTED_MAX: usize = 20;
 
 /// The instances of one group by name, by type, and by name without case.

@@ -8,9 +8,9 @@ use crate::source::{Lines, Origin, Source, Span, Texts};
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 use std::ops::Range;
 
-/// The most diagnostics that a person sees.
+/// The largest number of diagnostics that a person sees.
 const SHOWN_MAX: usize = 100;
-/// The most bytes in one excerpt, which is the lines that one or several labels touch.
+/// The largest number of bytes in one excerpt, which is the lines that one or several labels touch.
 const WINDOW_MAX: usize = 16 * 1024;
 /// The longest line that goes to the printer as a whole, in bytes. The printer may trim it.
 const LINE_MAX: usize = 400;

@@ -5,7 +5,7 @@ use crate::syntax::SyntaxKind::{self, AnyOf, Comma, Finally, LeftBrace, Match, O
 use crate::syntax::{Operator, SyntaxNode};
 use rowan::NodeOrToken;
 
-/// The most operands of an operator whose last operand, in parentheses, may begin at the end of a line.
+/// The largest number of operands of an operator whose last operand, in parentheses, may begin at the end of a line.
 const HANGING_MAX: usize = 3;
 /// The columns of the longest operator with the blank before it: ` else`. Only ` finally` is longer.
 const OPERATOR: usize = 5;

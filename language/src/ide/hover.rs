@@ -15,7 +15,7 @@ use crate::unit;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-/// The most names in one list.
+/// The largest number of names in one list.
 const NAMES_MAX: usize = 12;
 
 /// The description of a place.

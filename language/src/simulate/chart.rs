@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::Transition;
 
-/// The most bars of a chart. Later bars are not drawn.
+/// The largest number of bars of a chart. Later bars are not drawn.
 const BARS_MAX: usize = 10_000;
 /// The height of a line, and of a bar in it.
 const LINE: f64 = 24.0;

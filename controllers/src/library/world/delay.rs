@@ -16,7 +16,7 @@ pub(super) struct Delays {
     pub(super) jitter: Duration,
 }
 
-/// The most values in transit at once; if there are more, the oldest is lost.
+/// The largest number of values in transit at once; if there are more, the oldest is lost.
 const CAPACITY: usize = 1000;
 
 /// Values in transit, in order: no value overtakes another.

@@ -5,7 +5,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{Constant, Minus, Number};
 use crate::syntax::ast::Node;
 
-/// The most named values of one variable.
+/// The largest number of named values of one variable.
 const VALUES_MAX: usize = 1_000;
 
 /// The values that a variable may have.

@@ -5,7 +5,7 @@ use crate::automaton::{Action, Formula, StateKind, Target, Transition, Trigger};
 use crate::diagnostic::{Code, Diagnostic};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// The most states that are named in one remark.
+/// The largest number of states that are named in one remark.
 const NAMES_MAX: usize = 8;
 
 impl ActivityReader<'_, '_> {

@@ -14,10 +14,10 @@ use std::rc::Rc;
 
 /// The longest search for circles, in steps. An expanded expression may have very many.
 const STEPS_MAX: usize = 200_000;
-/// The most pairs of a held resource and a wanted resource that are checked.
+/// The largest number of pairs of a held resource and a wanted resource that are checked.
 const NESTED_MAX: usize = 10_000;
 
-/// The most `using`s of one group that are compared with each other.
+/// The largest number of `using`s of one group that are compared with each other.
 const TAKEN_MAX: usize = 1000;
 
 /// A `using` inside another one.

@@ -13,7 +13,7 @@ use crate::plan::{MemberKind, Retention, Transfer};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most users of one input or device that are compared with each other. If there are more, none of them are compared.
+/// The largest number of users of one input or device that are compared with each other. If there are more, none of them are compared.
 const USERS_MAX: usize = 200;
 
 /// A place in the event actions of a group where an instance is run.

@@ -92,7 +92,7 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
     }
 }
 
-/// The most operands that are joined one by one, in their order: `P ; (Q ; R)`.
+/// The largest number of operands that are joined one by one, in their order: `P ; (Q ; R)`.
 pub(super) const CHAIN_MAX: usize = 8;
 
 /// Returns the pause before an attempt of `retry`. The first attempt has none.

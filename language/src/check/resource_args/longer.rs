@@ -7,7 +7,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeSet;
 
-/// The most runs of one group that are compared with each other.
+/// The largest number of runs of one group that are compared with each other.
 const RUNS_MAX: usize = 1000;
 
 /// A run of a member that gets a resource.

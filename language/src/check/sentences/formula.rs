@@ -13,7 +13,7 @@ use crate::sites::Formula;
 pub(super) const FORMS: &str = "a formula is made of `p`, `p.running`, `p.stopping`, `p.started`, `p.done`, `p.aborted`, `p.ended`, \
     `true`, `false`, and of `!a`, `G a` (always), `F a` (at some time), `a U b` (until), `a W b` (until, or for ever), `a R b` (b up to \
     and with a), `a & b`, `a | b`, `a -> b`, `a <-> b`";
-/// The most words and signs of a formula. This limits the recursion here.
+/// The largest number of words and signs of a formula. This limits the recursion here.
 const WORDS_MAX: usize = 200;
 
 /// Reads the next string as a formula.

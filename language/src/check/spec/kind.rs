@@ -14,7 +14,7 @@ use crate::source::{Origin, Span};
 use crate::syntax::ast::Name;
 use std::fmt;
 
-/// The most fields of a record, together with the fields of its inner records.
+/// The largest number of fields of a record, together with the fields of its inner records.
 pub(crate) const FIELDS_MAX: usize = 1000;
 
 /// A type in a text.

@@ -12,7 +12,7 @@ use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit;
 
-/// The most fields of one record that a message shows.
+/// The largest number of fields of one record that a message shows.
 const SHOWN_MAX: usize = 8;
 
 /// Compares the values in one scope with types.

@@ -4,7 +4,7 @@ use crate::automaton::Failure;
 use crate::simulate::{GroupEnd, Simulation, TraceEvent, Transition};
 use std::collections::{BTreeSet, VecDeque};
 
-/// The most ways that are tried to bring a group to its end.
+/// The largest number of ways that are tried to bring a group to its end.
 const WAYS_MAX: usize = 2000;
 
 impl Simulation<'_> {
