@@ -33,7 +33,7 @@ const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.5;
 /// The stiffness that the budget assumes (N/m): the stiffness of fingers on a lever.
 pub const STIFFNESS: f64 = 6000.0;
-/// The largest allowed `stiffness · gain · delay`.
+/// The largest allowed `stiffness · gain · delay` (N/m · m/s/N · s, so without a unit).
 pub const BUDGET: f64 = 0.6;
 /// With a longer delay (s) even the smallest useful gain is too large, and the laws refuse to work.
 pub const DELAY_MAX: f64 = 0.40;
@@ -42,9 +42,9 @@ pub const DELAY_MAX: f64 = 0.40;
 /// axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guide {
-    /// The direction in which the hand is led.
+    /// The direction in which the hand is led, a unit vector.
     pub tangent_in_tool: Vector3<f64>,
-    /// The vertical, upwards.
+    /// The vertical, upwards, a unit vector.
     pub up_in_tool: Vector3<f64>,
     /// Whether the hand may give way upwards and downwards.
     pub upward: bool,

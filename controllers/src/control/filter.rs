@@ -47,7 +47,7 @@ impl Despike {
         self.last.unwrap_or(*wrench)
     }
 
-    /// Returns the last wrench that was accepted; none before the first one.
+    /// Returns the last accepted wrench (N, Nm); none before the first wrench.
     pub fn last(&self) -> Option<Vector6<f64>> {
         self.last
     }

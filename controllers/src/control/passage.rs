@@ -49,11 +49,11 @@ pub struct Way {
 /// A door that stands open, as seen from above (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doorway {
-    /// The point where the leaf meets the wall.
+    /// The point where the leaf meets the wall (m).
     pub hinge: Vector2<f64>,
-    /// The free edge of the leaf.
+    /// The free edge of the leaf (m).
     pub edge: Vector2<f64>,
-    /// The place of the free edge when the door is shut.
+    /// The place of the free edge when the door is shut (m).
     pub latch: Vector2<f64>,
     /// The normal of the wall, a unit vector towards the robot's side.
     pub out: Vector2<f64>,

@@ -49,7 +49,8 @@ const DROP_FROM: f64 = 12.0;
 const EASE: f64 = 5.0;
 const EASE_SPEED: f64 = 0.010;
 const EASE_TIME: f64 = 0.6;
-/// The fingers slip a little on the lever, so the hand rolls less than the lever turns.
+/// The roll of the hand as a share of the turn of the lever. The fingers slip a little on the lever, so the hand rolls
+/// less.
 pub const ROLL: f64 = 0.9;
 const CUTOFF: f64 = 12.0;
 
@@ -98,7 +99,7 @@ pub struct Down {
 }
 
 impl Press {
-    /// Begins with the hand at `base_from_tool`, facing the door.
+    /// Begins with the hand at `base_from_tool` (m, base frame), facing the door.
     pub fn new(base_from_tool: &Isometry3<f64>) -> Self {
         let ahead = base_from_tool.rotation * Vector3::z();
         let left = Vector3::z().cross(&ahead).try_normalize(1e-6).unwrap_or_else(Vector3::y);

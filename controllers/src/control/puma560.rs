@@ -36,7 +36,7 @@ pub const DOOR_POSTURE_DEG: [f64; 6] = [0.0, 45.0, -180.0, 0.0, 45.0, 90.0];
 /// The pose of the tool, and its motion with the joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Forward {
-    /// Pose of the tool in the base frame.
+    /// Pose of the tool in the base frame (m).
     pub base_from_tool: Isometry3<f64>,
     /// Jacobian (6×6): joint rates to velocity of the grasp point (rows 0-2, m/s) and angular velocity (rows 3-5, rad/s),
     /// both along the axes of the base frame.

@@ -71,7 +71,8 @@ pub struct Resolver {
     base: Vector3<f64>,
 }
 
-/// Returns the whole-body Jacobian (6×9) along base axes: base x, y, yaw, then the arm.
+/// Returns the whole-body Jacobian (6×9). The columns are base x, y (m/s), yaw (rad/s), then the arm (rad/s). The rows are
+/// the velocity (m/s) and the angular velocity (rad/s) of the hand, along base axes.
 pub fn jacobian_in_base(forward: &Forward) -> SMatrix<f64, 6, 9> {
     let mut jacobian = SMatrix::<f64, 6, 9>::zeros();
     jacobian[(0, 0)] = 1.0;

@@ -17,7 +17,7 @@ pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 /// The forces of one attempt (N).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// The pull at which the hand finally stops.
+    /// The pull at which the hand finally stops (N).
     pub pull: f64,
     /// The greatest allowed vector sum of the pull and the force across it, such as the lever's (N).
     pub total: f64,

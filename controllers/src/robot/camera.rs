@@ -17,7 +17,7 @@ const IMAGE: [f64; 2] = [640.0, 480.0];
 /// A camera with its true mounting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Pose of the camera in the tool frame, z along the optical axis.
+    /// Pose of the camera in the tool frame (m), z along the optical axis.
     pub tool_from_camera: Isometry3<f64>,
     /// Focal length (px).
     pub focal: f64,

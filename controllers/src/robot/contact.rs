@@ -58,7 +58,7 @@ impl Default for Description {
 /// Pose and motion of the hand, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hand {
-    /// Pose of the grasp point.
+    /// Pose of the grasp point (m).
     pub world_from_tool: Isometry3<f64>,
     /// The velocity of the grasp point (m/s).
     pub velocity: Vector3<f64>,
