@@ -56,8 +56,8 @@ impl Failure {
         Self::Failed("\0".to_owned())
     }
 
-    /// Returns the report of a member that has failed for this reason. An unconfirmed stop has no report, because it is an event of its
-    /// own.
+    /// Returns the report of a member that has failed for this reason. The report of an unconfirmed stop is empty, because it is an event of
+    /// its own.
     pub fn report(&self) -> Value {
         match self {
             Self::Failed(text) => text_value(text),
