@@ -1,9 +1,10 @@
 //! The program that has the ports of an activity, whose states run in a node. `dca` adds it to a mission whose activities
 //! have connections.
 //!
-//! It is never activated. Values of wires and messages of queues come to its inputs, and it hands them to its node,
-//! which reports the fate of each: only the node knows whether the activity runs. The node has it send the values of the
-//! outputs. So the node itself has no data session, and the wires of an activity are those of any program.
+//! The program is never activated. Values of wires and messages of queues come to its inputs. It hands them to its
+//! node, which reports the fate of each: only the node knows whether the activity runs. For the outputs, the node hands
+//! values to the program, which sends them. So the node itself has no data session, and the wires of an activity are
+//! those of any program.
 
 use crate::sdk::messaging::{QueueMessage, Receipt, Rejected};
 use crate::sdk::{
@@ -16,9 +17,9 @@ use comms::logic::messaging::port::{Expected, Given, Offer, PORTS, PortInbox};
 use comms::logic::object::{Signature, TypeForm};
 use comms::logic::time::Time;
 
-/// The longest message, in bytes: a node keeps each on its disk.
+/// The longest message, in bytes: a node stores each message on its disk.
 const SIZE_MAX: usize = 64 * 1024;
-/// The type of texts, whose bytes are looked at.
+/// The type of texts; the bytes of a text are checked.
 const TEXT: &str = "Text";
 /// The ports, each as `in NAME LIMIT TYPE` or `out NAME TYPE`, with `;` between them.
 const PARAMETERS: &[Parameter] = &[Parameter::new("ports", Kind::Text(&[]))];
@@ -52,7 +53,7 @@ impl ActivityPorts {
     /// Makes the idle ports.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
         let (mut inputs, mut limits, mut ports, mut exports) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for text in arguments.text("ports").split(';') {

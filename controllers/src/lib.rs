@@ -1,7 +1,7 @@
 //! Controllers: the kit to write one, a library of control laws, the simulated robot, and the paper's process types.
 //!
-//! Floors within the room: [`sdk`] knows no robot; [`control`] knows no ports; [`robot`] is the plant, which controllers
-//! reach through its devices only; [`library`] puts laws behind ports.
+//! The parts, from the general to the special: [`sdk`] knows no robot, and [`control`] knows no ports. [`robot`] is the
+//! plant, which controllers reach only through its devices. [`library`] puts laws behind ports.
 //!
 //! ```
 //! let registry = controllers::registry();
@@ -11,7 +11,7 @@
 //! assert!(registry.create("DoorWorld", &[]).is_ok());
 //! ```
 
-// The code of the derive macros refers to `::controllers`, here as elsewhere.
+// The code of the derive macros refers to `::controllers`, in this crate as in others.
 extern crate self as controllers;
 
 /// The controller of the README builds in its printed form.
@@ -37,12 +37,13 @@ pub mod sdk;
 /// ```
 pub use ::ros::typed as ros;
 
-/// Returns every controller type of this crate: Appendix A of the paper, its CompliantMotion, and the plant.
+/// Returns every controller type of this crate: the types of Appendix A of the paper, its CompliantMotion, and the
+/// plant.
 pub fn registry() -> sdk::Registry {
     library::registry()
 }
 
-/// Returns the type that has the ports of an activity. Specs do not name it, so it is not among the others.
+/// Returns the type that has the ports of an activity. Specs do not name it, so [`registry`] does not contain it.
 pub fn activity_ports() -> sdk::Registry {
     let mut registry = sdk::Registry::default();
     registry.add_module(activity_ports::interface(), |_, arguments| {
@@ -52,7 +53,8 @@ pub fn activity_ports() -> sdk::Registry {
     registry
 }
 
-/// Returns the type that stands in for a process whose values were recorded. Specs do not name it, so it is not among the others.
+/// Returns the type that stands in for a process whose values were recorded. Specs do not name it, so [`registry`] does
+/// not contain it.
 pub fn replay() -> sdk::Registry {
     let mut registry = sdk::Registry::default();
     registry.add_module(replay::interface(), |_, arguments| {

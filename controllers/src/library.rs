@@ -1,8 +1,8 @@
 //! The process types of the paper, as controllers: Appendix A, CompliantMotion, and the plant they work on.
 //!
-//! Every hand velocity travels in tool axes, so no controller needs another's idea of the world, and laws can be added.
-//! No controller repeats an old velocity: a command older than [`FRESH`] and a sample older than `SENSED` are ignored,
-//! and the device is brought to rest.
+//! Every hand velocity travels in tool axes. So no controller needs the world frame of another controller, and the
+//! velocities of several laws can be added. No controller repeats an old velocity: a command older than [`FRESH`] and a
+//! sample older than `SENSED` are ignored, and the device is brought to rest.
 
 mod arm;
 mod base;
@@ -28,12 +28,13 @@ use crate::sdk::{Registry, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// The largest age of a command: ten periods of the servo group, so that a busy machine's 30 ms do not stop the arm.
+/// The largest age of a command: ten periods of the servo group, so that a delay of 30 ms on a busy machine does not
+/// stop the arm.
 pub const FRESH: Duration = Duration::from_millis(100);
-/// The largest age of a sample, counted from its measurement by the device: 50 ms for each of three hops, and one
-/// period.
+/// The largest age of a sample, counted from the time at which the device measured it: 50 ms for each of three hops,
+/// and one period.
 const SENSED: Duration = Duration::from_millis(200);
-/// The longest wait of a controller for its sensor.
+/// The longest time for which a controller waits for its sensor.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// Returns every type of this library.
@@ -75,7 +76,7 @@ struct Watch {
 }
 
 impl Watch {
-    /// Returns whether nothing was `heard` for [`SILENCE`].
+    /// Returns whether nothing has been `heard` for [`SILENCE`].
     fn is_silent(&mut self, now: Time, heard: bool) -> bool {
         let since = *self.since.get_or_insert(now);
         if heard {
@@ -85,15 +86,15 @@ impl Watch {
     }
 }
 
-/// For how long a device has been told to rest. A command is only certain from one calculation to the next: the time
-/// before the first zero does not count, however long that calculation was held up.
+/// Measures for how long a device has been told to rest. The time before the first command of zero does not count, even
+/// if that calculation was delayed: a command is only certain from one calculation to the next.
 #[derive(Clone, Copy, Debug, Default)]
 struct Still {
     since: Option<Time>,
 }
 
 impl Still {
-    /// Takes whether the device is told to rest now.
+    /// Takes whether the device is told to rest in this calculation.
     fn update(&mut self, now: Time, rests: bool) {
         self.since = if rests { self.since.or(Some(now)) } else { None };
     }
@@ -104,10 +105,10 @@ impl Still {
     }
 }
 
-/// A sensor hangs when this many further samples are equal to the first one: noise makes each sample different.
+/// A sensor hangs if this many further samples are equal to the first one: noise makes each true sample different.
 const EQUAL_MAX: u32 = 5;
 
-/// Notices that a noisy sensor repeats the same value, with any stamp.
+/// Notices that a noisy sensor repeats the same value, whatever the stamps are.
 #[derive(Clone, Debug)]
 struct Stuck<T> {
     last: Option<T>,
@@ -121,7 +122,7 @@ impl<T> Default for Stuck<T> {
 }
 
 impl<T: PartialEq + Clone> Stuck<T> {
-    /// Takes a new sample; returns whether enough samples were equal that the sensor hangs.
+    /// Takes a new sample. Returns whether so many samples were equal that the sensor hangs.
     fn is_stuck(&mut self, sample: &T) -> bool {
         if self.last.as_ref() == Some(sample) {
             self.equal = self.equal.saturating_add(1);
@@ -145,7 +146,7 @@ impl StuckForce {
     }
 }
 
-/// Notices that the laser repeats the same sweep. Sweeps without an echo are all equal.
+/// Notices that the laser repeats the same sweep. Sweeps without an echo do not count, because they are all equal.
 #[derive(Clone, Debug, Default)]
 struct StuckLaser(Stuck<Vec<f64>>);
 
@@ -158,15 +159,15 @@ impl StuckLaser {
     }
 }
 
-/// A force on the hand that ends everything (N).
+/// A larger force on the hand ends the motion (N).
 pub(crate) const FORCE_MAX: f64 = 80.0;
 
-/// Returns the step that a ramp may take: a calculation that was held up does not make it a jump.
+/// Returns the time step that a ramp may use (s): a calculation that was delayed does not cause a jump.
 fn ramp_dt(tick: Tick) -> f64 {
     tick.dt().min(0.03)
 }
 
-/// Returns a stamp in seconds, the form of times in messages, which records know.
+/// Returns a stamp in seconds. Messages use this form of time, and records understand it.
 fn seconds(stamp: Time) -> f64 {
     stamp.since(Time::ZERO).as_secs_f64()
 }

@@ -1,7 +1,8 @@
 //! The controller that stands in for a process whose values were recorded. `dca replay` puts it into a plan.
 //!
-//! Each activation plays the next recorded one: its values leave the outputs at the recorded times since the activation began, and it ends as
-//! recorded. Values for its inputs are ignored, and its procedures refuse.
+//! Each activation plays the next recorded activation. The recorded values leave the outputs at the recorded times since
+//! the beginning of the activation, and the activation ends as recorded. Values for the inputs are ignored, and the
+//! procedures refuse every call.
 
 use crate::sdk::{
     About, Access, Activity, Arguments, CallInterface, Configured, Delivery, DeliveryError, Direction, ExportInterface,
@@ -12,11 +13,11 @@ use comms::logic::replay::{REPLAY, STEPS_MAX, Stamp, Step, take};
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How exactly values are played.
+/// The resolution of the times at which values leave.
 const PERIOD: Duration = Duration::from_millis(1);
 /// The slowest and the fastest rate.
 const RATES: (f64, f64) = (0.001, 1000.0);
-/// The lists of names have blanks between the names.
+/// In a list of names, blanks separate the names.
 const PARAMETERS: &[Parameter] = &[
     Parameter::new("file", Kind::Text(&[])),
     Parameter::new("rate", Kind::Number(RATES.0, RATES.1)).or("1"),
@@ -33,27 +34,27 @@ pub(crate) fn interface() -> Interface {
     Interface { type_name: REPLAY, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
 }
 
-/// A stand-in.
+/// A process that stands in for a recorded one.
 #[derive(Debug)]
 pub(crate) struct Replay {
     interface: Interface,
     outputs: Vec<&'static str>,
     rate: f64,
     steps: Vec<u8>,
-    /// How many bytes of the steps were played.
+    /// The number of bytes of the steps that have been played.
     played: usize,
     began: Time,
     /// The values that leave after this calculation.
     leaving: Vec<(&'static str, Vec<u8>)>,
-    /// How many values have left.
+    /// The number of values that have left.
     sent: u64,
 }
 
 impl Replay {
-    /// Makes an idle stand-in.
+    /// Makes a stand-in that is not active yet.
     ///
     /// # Errors
-    /// A sentence for a person: its file cannot be read.
+    /// A sentence for a person, if the file cannot be read.
     pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
         let file = arguments.text("file");
         let steps = std::fs::metadata(file).and_then(|about| {
@@ -86,7 +87,7 @@ impl Replay {
         take(rest).map(|(step, behind)| (step, self.steps.len() - behind.len()))
     }
 
-    /// Writes the time of a measurement on the clock of this host into a value.
+    /// Writes the time of a measurement, converted to the clock of this host, into a value.
     #[expect(clippy::cast_precision_loss, reason = "exact for 104 days")]
     fn write_stamp(&self, bytes: &mut [u8], stamp: Stamp) {
         let since = stamp.nanos as f64 / 1e9 / self.rate;

@@ -1,8 +1,9 @@
-//! The simulated robot, its door and its devices: quasi-static, 1 kHz, to the bit the same for the same seed.
+//! The simulated robot, its door and its devices. The model is quasi-static, has steps of 1 ms, and gives identical
+//! results for the same seed.
 //!
 //! World frame: the wall is the plane x = 0, the robot is at negative x and looks along x, z is up. A closed door fills
-//! the wall from its hinge towards negative y and opens towards the robot, with a positive angle. Controllers see none
-//! of this: they know only devices.
+//! the wall from its hinge towards negative y and opens towards the robot, with a positive angle. Controllers know none
+//! of this, only the devices.
 //!
 //! Source: a purpose-made model; all constants are our choices, named at their definitions.
 

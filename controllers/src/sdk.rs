@@ -1,8 +1,8 @@
 //! The kit to write a controller: typed ports, the [`Controller`] trait, and the harnesses that run it.
 //!
-//! A controller is a struct of inputs, a struct of outputs and one function. It reads no clock, does no I/O and draws no
-//! random number, so the same code runs in its own process on the real clock, and beside all others in one thread on
-//! virtual time ([`harness`]).
+//! A controller is a struct of inputs, a struct of outputs and one function. It reads no clock, does no I/O and draws
+//! no random number. So the same code runs in its own process on the real clock, and together with all others in one
+//! thread on virtual time ([`harness`]).
 //!
 //! ```
 //! use controllers::sdk::serde::{Deserialize, Serialize};

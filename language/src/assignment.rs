@@ -1,4 +1,4 @@
-//! Values that a user gives to the parameters of the root, for one spec on many robots: `dca deploy --set speed=0.3`.
+//! Values that a user gives to the parameters of the root. So one spec fits many robots: `dca deploy --set speed=0.3`.
 
 use crate::similar;
 use crate::source::{Origin, Source};
@@ -16,7 +16,7 @@ pub struct Assignment {
     pub value: String,
 }
 
-/// Why a value cannot be given.
+/// The reason why a parameter cannot get a value.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AssignmentError {
     /// The file has no process that is clearly the root.
@@ -34,10 +34,10 @@ pub enum AssignmentError {
         name: String,
         /// The name of the root.
         root: String,
-        /// A clause with advice.
+        /// The advice, as a clause.
         hint: String,
     },
-    /// The value cannot be written in a spec.
+    /// The value has no form that a spec allows.
     #[error(
         "cannot set `{name}`: `{value}` is not a value; write for example `{name}=0.3`, `{name}=\"0.3 m/s\"` or `{name}=c1`"
     )]
@@ -52,8 +52,8 @@ pub enum AssignmentError {
     Twice(String),
 }
 
-/// Returns the spec in which these values are the defaults of the root's parameters. So each diagnostic, each proof and each record
-/// of the spec shows them.
+/// Returns the spec with these values as the defaults of the root's parameters. So each diagnostic, each proof and each record of the spec
+/// shows them.
 ///
 /// ```
 /// use language::{Assignment, Source, assign};
@@ -65,7 +65,7 @@ pub enum AssignmentError {
 /// ```
 ///
 /// # Errors
-/// If the root has no such parameter, or if a value is not one.
+/// If the root has no such parameter, or if a text is not a value.
 pub fn assign(spec: &Source, values: &[Assignment]) -> Result<Source, AssignmentError> {
     let Some(first) = values.first() else { return Ok(spec.clone()) };
     let tree = Node::new(parse(spec, Origin::Spec).root, Origin::Spec);
@@ -91,7 +91,7 @@ pub fn assign(spec: &Source, values: &[Assignment]) -> Result<Source, Assignment
     Ok(Source { text, ..spec.clone() })
 }
 
-/// The process of the file that is the root, with its parameters.
+/// Returns the root's name and its parameters. The root is a process of this file.
 fn root(tree: &Node) -> Option<(String, Vec<Node>)> {
     let processes: Vec<(String, Node)> =
         tree.children_of(Process).filter_map(|process| Some((process.title()?.text, process))).collect();
@@ -111,7 +111,7 @@ fn unknown(name: &str, root: &str, params: &[Node]) -> AssignmentError {
     AssignmentError::Unknown { name: name.into(), root: root.into(), hint }
 }
 
-/// The value as a spec writes it: a text gets quotes.
+/// Returns the value as a spec writes it: a text gets quotes.
 fn written(value: &str) -> Option<String> {
     let value = value.trim();
     if is_constant(value) {
@@ -122,7 +122,7 @@ fn written(value: &str) -> Option<String> {
     (is_plain && is_constant(&quoted)).then_some(quoted)
 }
 
-/// Whether a text is one constant and nothing else.
+/// Returns whether the text is one constant and nothing else.
 fn is_constant(text: &str) -> bool {
     let start = "const value = ";
     let source = Source::new("value", format!("{start}{text};"));
@@ -134,7 +134,7 @@ fn is_constant(text: &str) -> bool {
     parsed.diagnostics.is_empty() && is_whole && items.next().is_none()
 }
 
-/// The place of a node in its text.
+/// Returns the position of a node in its text.
 fn place_of(node: &Node) -> Range<usize> {
     node.span().start as usize..node.span().end as usize
 }
@@ -163,7 +163,7 @@ mod tests {
             "process Other() { } process main(a = [1, 2]) { }",
         );
         check("process Only(a) { }", &[("a", "{ x = 1 m }")], "process Only(a = { x = 1 m }) { }");
-        // A host or a file with a dot is a text.
+        // The name of a host or of a file with a dot is a text.
         check("process main(a) { }", &[("a", " robot-2.local ")], "process main(a = \"robot-2.local\") { }");
     }
 

@@ -1,9 +1,9 @@
 //! The automaton of activities: [`step`] turns an event into commands by the rules of statecharts.
 //!
-//! A [`Chart`] has the states and transitions, [`Automaton::new`] checks it, and a [`Configuration`] is where one
-//! activity is. [`step`] is pure, as [`algebra::step`](crate::algebra::step) is: no clock, no I/O, the same input
-//! always gives the same commands. Timers are orders to the caller, so time is as virtual as the caller wants. The
-//! rules have numbers in `docs/src/inside/automaton.md`, and comments here name them.
+//! A [`Chart`] has the states and transitions, and [`Automaton::new`] checks it. A [`Configuration`] says which states
+//! of one activity are active. [`step`] is pure, as is [`algebra::step`](crate::algebra::step): it has no clock and no
+//! I/O, and the same input always gives the same commands. Timers are orders to the caller, so the caller may use
+//! virtual time. The rules have numbers in `docs/src/inside/automaton.md`, and comments here name these numbers.
 //!
 //! ```
 //! use language::automaton::{Automaton, Chart, ChartState, Configuration, Event, Target, Transition, Trigger, step};

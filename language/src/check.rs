@@ -1,8 +1,8 @@
-//! Checks a tree and makes a plan of it: names, types, ports, flow.
+//! Checks a tree and makes a plan from it. The checks concern names, types, ports and flow.
 //!
-//! Each pass adds to one [`spec::Spec`] and to one [`Diagnostics`]: `declare` (what is there; a group whose parameters
-//! decide its shape once for each choice of values), `names` and
-//! `expression` (inside one group), `types` (between groups), `ports`, `flow`, and at last `lower` makes the plan.
+//! Each pass adds to one [`spec::Spec`] and to one [`Diagnostics`]. `declare` collects the declarations. If the parameters of a group
+//! decide its shape, `declare` reads the group once for each choice of values. `names` and `expression` check the inside of one group, and
+//! `types` checks between groups. Then come `ports` and `flow`, and at last `lower` makes the plan.
 
 mod activity;
 mod count;
@@ -39,8 +39,8 @@ use crate::{Compiled, Options};
 use declare::{ItemCollector, Templates, Tree};
 use diagnostics::Diagnostics;
 
-/// Checks a spec against the interfaces of the modules; returns its plan unless something is wrong, what the plan was made
-/// from, and the root in it.
+/// Checks a spec against the interfaces of the modules. Returns its plan unless there are errors, the model that the plan was made from,
+/// and the number of the root in the model.
 pub(crate) fn compile_with_model(
     spec: &Source,
     interfaces: &[Source],
@@ -50,7 +50,7 @@ pub(crate) fn compile_with_model(
     (compiled, model, root)
 }
 
-/// The same, with the sites for a verifier.
+/// Checks a spec like [`compile_with_model`], and returns the sites that a verifier needs.
 pub(crate) fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<Sites>) {
     let (compiled, model, root, properties) = compile_all(spec, interfaces, options);
     let sites = compiled.plan.as_ref().zip(root).map(|(plan, root)| sites::sites(&model, root, plan, properties));
@@ -88,13 +88,13 @@ fn compile_all(
     let plan = plan.filter(|_| !diagnostics.has_errors());
     let mut diagnostics = diagnostics.into_vec();
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
-    // A mistake in a group occurs in each of its readings.
+    // A group with several readings has the same mistake in each of them.
     diagnostics.dedup();
     omitted += limit(&mut diagnostics);
     (Compiled { plan, diagnostics, omitted }, model, root, properties)
 }
 
-/// Reads the declarations of all texts; returns their trees and how many diagnostics of damaged texts are left out.
+/// Reads the declarations of all texts. Returns their trees, and the number of diagnostics of damaged texts that are left out.
 fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -> (Vec<Tree>, usize) {
     let files = uses::Files::new(spec, interfaces);
     let origins = (0..).map(Origin::Interface);
@@ -120,7 +120,7 @@ fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -
     (trees, omitted)
 }
 
-/// Whether a code is a name that was read leniently.
+/// Returns whether a code is for a name that was read leniently.
 fn is_lenient_name(code: Code) -> bool {
     [Code::W0201, Code::W0202, Code::W0203, Code::W0204].contains(&code)
 }

@@ -12,9 +12,9 @@ pub use render::{Style, render};
 /// The severity of a diagnostic. A spec with an error has no plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// The spec is refused.
+    /// The spec has no plan.
     Error,
-    /// The spec runs, perhaps not as meant.
+    /// The spec runs, but perhaps not as intended.
     Warning,
 }
 
@@ -23,34 +23,34 @@ pub enum Severity {
 pub struct Label {
     /// The place in one of the texts.
     pub span: Span,
-    /// The text at the place; may be empty.
+    /// The text at the place. It may be empty.
     pub text: String,
 }
 
 /// One replacement in a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Edit {
-    /// The text to replace; an empty span inserts.
+    /// The text that is replaced. An empty span inserts the new text.
     pub span: Span,
     /// The new text.
     pub text: String,
 }
 
-/// A change of a text.
+/// A change that corrects a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fix {
-    /// The change in words: "replace with `puma`".
+    /// The description of the change: "replace with `puma`".
     pub title: String,
-    /// The changes, all in one text.
+    /// The replacements, all in one text.
     pub edits: Vec<Edit>,
 }
 
 /// One diagnostic of a spec.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// Error or warning.
+    /// An error or a warning.
     pub severity: Severity,
-    /// The code; its meaning never changes.
+    /// The code. The meaning of a code never changes.
     pub code: Code,
     /// The diagnostic in one sentence.
     pub message: String,
@@ -60,19 +60,20 @@ pub struct Diagnostic {
     pub secondary: Vec<Label>,
     /// Advice for the author, one sentence each.
     pub help: Vec<String>,
-    /// The change that removes the diagnostic, if it leaves no other reading: it is applied without asking.
+    /// The change that removes the diagnostic, if only one reading is possible. It is applied without a question.
     pub fix: Option<Fix>,
-    /// Changes that remove it, of which a person may choose one.
+    /// Changes that would remove the diagnostic. A person may choose one.
     pub choices: Vec<Fix>,
 }
 
-/// The most remarks that are kept of one spec. A person is shown a hundred; `dca fix` and editors take more.
+/// The largest number of diagnostics that are kept for one spec. A person sees at most a hundred. `dca fix` and editors
+/// use more.
 pub(crate) const DIAGNOSTICS_MAX: usize = 10_000;
-/// The most secondary places of one diagnostic.
+/// The largest number of secondary places of one diagnostic.
 pub(crate) const REASONS_MAX: usize = 12;
 
 impl Fix {
-    /// Writes `text` in place of `span`.
+    /// Replaces the text in `span` by `text`.
     pub(crate) fn replace(span: Span, text: &str) -> Self {
         Self { title: format!("replace with `{text}`"), edits: vec![Edit { span, text: text.to_owned() }] }
     }
@@ -97,7 +98,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds a place where the reason is; a reader is shown the first few.
+    /// Adds a place that explains the diagnostic. Only the first places are kept.
     pub(crate) fn reason(mut self, span: Span, text: impl Into<String>) -> Self {
         if self.secondary.len() < REASONS_MAX {
             self.secondary.push(Label { span, text: text.into() });
@@ -115,19 +116,19 @@ impl Diagnostic {
         self
     }
 
-    /// Writes `text` in place of `span`, which leaves no other reading.
+    /// Adds a fix that replaces `span` by `text`. No other reading is possible.
     pub(crate) fn replace(mut self, span: Span, text: &str) -> Self {
         self.fix = Some(Fix::replace(span, text));
         self
     }
 
-    /// Offers to write `text` in place of `span`.
+    /// Offers to replace `span` by `text`.
     pub(crate) fn choose(mut self, span: Span, text: &str) -> Self {
         self.choices.push(Fix::replace(span, text));
         self
     }
 
-    /// Offers the names that look like the one in `span`; the one that differs only in case or `_` is meant.
+    /// Offers names that resemble the name in `span`. If one differs only in case or `_`, it becomes the fix.
     pub(crate) fn rename(self, span: Span, near: &Near<'_>) -> Self {
         match near.is_same {
             true => self.replace(span, near.name),
@@ -136,12 +137,12 @@ impl Diagnostic {
     }
 }
 
-/// Returns the spec's text with every fix applied; of two fixes that overlap the first in the text wins.
+/// Returns the spec's text with every fix applied. Of two overlapping fixes, only the first in the text is applied.
 pub fn apply_fixes(text: &str, diagnostics: &[Diagnostic]) -> String {
     applied(text, diagnostics.iter().filter_map(|diagnostic| diagnostic.fix.as_ref()).collect())
 }
 
-/// Returns the spec's text with a fix applied; unchanged if the fix belongs to another text.
+/// Returns the spec's text with a fix applied. The text is unchanged if the fix belongs to another text.
 pub fn apply_fix(text: &str, fix: &Fix) -> String {
     applied(text, vec![fix])
 }
@@ -177,7 +178,7 @@ fn are_apart(edits: &[Edit]) -> bool {
     edits.iter().enumerate().all(is_free)
 }
 
-/// Keeps as many as there is room for, errors before warnings, in their order; returns how many are left out.
+/// Keeps as many diagnostics as allowed, errors rather than warnings, in their order. Returns how many are left out.
 pub(crate) fn limit(diagnostics: &mut Vec<Diagnostic>) -> usize {
     let Some(omitted) = diagnostics.len().checked_sub(DIAGNOSTICS_MAX) else { return 0 };
     let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error).count().min(DIAGNOSTICS_MAX);
@@ -191,7 +192,7 @@ pub(crate) fn limit(diagnostics: &mut Vec<Diagnostic>) -> usize {
     omitted
 }
 
-/// Two spans overlap when they share a byte, or when both would insert at the same place.
+/// Returns whether two spans overlap: they share a byte, or start at the same place.
 fn overlap(one: Span, other: Span) -> bool {
     one.start < other.end && other.start < one.end || one.start == other.start
 }

@@ -1,12 +1,12 @@
-//! Applies every fix of a spec that leaves no other reading, round by round: `dca fix`.
+//! Applies every fix of a spec that allows only one reading, round by round: `dca fix`.
 
 use crate::source::Source;
 use crate::{Options, apply_fixes, compile};
 
-/// One fix may reveal another mistake, but not for ever.
+/// The largest number of rounds. One fix may reveal another mistake, but this must end.
 const ROUNDS_MAX: usize = 16;
 
-/// Returns the spec's text with every fix applied, including fixes that appear on the way, until nothing changes.
+/// Returns the spec's text with every fix applied. Fixes that only appear after other fixes are included.
 ///
 /// ```
 /// use language::{Options, Source, fix};

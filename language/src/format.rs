@@ -1,9 +1,11 @@
 //! Formats a spec: `dca fmt`. Every spec has one form.
 //!
-//! The formatter changes only white space (and writes `;;` for its older spelling `:;`). Tokens and comments stay, in
-//! their order, with two exceptions: a comment before an operator moves behind it, where the line ends; and an empty
-//! line stands between two items. A text that fits stays on one line. A longer text is broken at its loosest operator,
-//! and so is an operator that the author broke. So a second run changes nothing.
+//! The formatter changes only white space, and writes `;;` for its older spelling `:;`. Tokens and comments stay in
+//! their order, with two exceptions. A comment before an operator moves to the other side of the operator, where the
+//! line ends. Two items have an empty line between them.
+//!
+//! A text that fits stays on one line. A longer text is broken at its loosest operator. An operator stays broken if the
+//! author broke it. So a second run changes nothing.
 
 mod expression;
 mod piece;
@@ -14,13 +16,13 @@ use crate::source::{Origin, Source};
 use crate::syntax::{Parse, parse};
 use printer::Printer;
 
-/// The columns of a line that is not broken where it could be.
+/// The longest line, in columns, unless a line cannot be broken.
 pub(crate) const COLUMNS: usize = 100;
 
-/// Returns the text in its one form.
+/// Returns the formatted text.
 ///
 /// # Errors
-/// Returns the mistakes in the text; an unreadable text is not rewritten.
+/// Returns the mistakes in the text. A text that cannot be read is not changed.
 pub fn format(source: &Source) -> Result<String, Vec<Diagnostic>> {
     let Parse { root, mut diagnostics, .. } = parse(source, Origin::Spec);
     diagnostics.retain(|found| found.severity == Severity::Error);

@@ -1,4 +1,4 @@
-//! Reads the files that a spec uses: `use "arm.dca";`, and folders of them: `use "arms";`.
+//! Reads the files that a spec uses: `use "arm.dca";`, and folders of files: `use "arms";`.
 
 use crate::source::{Origin, Role, SOURCE_MAX, Source};
 use crate::syntax::SyntaxKind::{Process, Text, Use, Verify};
@@ -6,9 +6,9 @@ use crate::syntax::ast::{Name, Node};
 use crate::syntax::parse;
 use std::collections::BTreeSet;
 
-/// The most files of one spec.
+/// The largest number of files of one spec.
 pub(crate) const FILES_MAX: usize = 1000;
-/// The most bytes of all files of one spec together.
+/// The largest number of bytes of all files of one spec together.
 const TEXTS_MAX: usize = 4 * SOURCE_MAX;
 
 /// The content of a path.
@@ -20,12 +20,12 @@ pub enum Content {
     Folder(Vec<String>),
 }
 
-/// Returns the files that a spec uses, directly and through others, each once, so that files may use each other; they are
-/// compiled with the spec as if they were interfaces. Of a folder all its `.dca` files are taken, in the order of their
-/// names, but not those in folders below.
+/// Returns the files that a spec uses, directly and through other files. Each is returned once, so files may use each other. They are
+/// compiled with the spec as if they were interfaces. Of a folder, all `.dca` files are read in the order of their names, but no files in
+/// folders below it.
 ///
-/// `read` is called for each path: relative to the file that uses it, and without `..` where possible. If it refuses,
-/// the compiler reports the reason.
+/// `read` is called for each path. The path is relative to the file that uses it, and without `..` where possible. If `read` fails, the
+/// compiler reports the reason.
 ///
 /// ```
 /// use language::{Content, Options, Source, compile, gather};
@@ -56,8 +56,8 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<Content, String>) -> 
     files.parts
 }
 
-/// Returns a spec without its process groups and properties: the types, constants and files that another one may use.
-/// The rest keeps its position.
+/// Returns a spec without its process groups and properties, so with the types, constants and files that another spec may use. The
+/// remaining text keeps its position.
 pub fn without_groups(spec: &Source) -> Source {
     let mut text = spec.text.clone();
     for item in tree(spec).children() {
@@ -71,18 +71,18 @@ pub fn without_groups(spec: &Source) -> Source {
     Source { text, ..spec.clone() }
 }
 
-/// The files that a spec uses, while they are read.
+/// Reads the files that a spec uses.
 struct UsedFiles<'a> {
-    /// The paths that were read, or tried.
+    /// The paths that were already read, with or without success.
     known: BTreeSet<String>,
     parts: Vec<Source>,
-    /// The bytes of all texts.
+    /// The number of bytes of all texts.
     length: usize,
     read: &'a dyn Fn(&str) -> Result<Content, String>,
 }
 
 impl UsedFiles<'_> {
-    /// Adds a file, or a folder and its specs, unless it is known or there are too many.
+    /// Adds a file, or a folder and its specs, unless it is known or there are too many files.
     fn add(&mut self, path: String) {
         if self.parts.len() >= FILES_MAX || !self.known.insert(path.clone()) {
             return;
@@ -119,7 +119,7 @@ impl UsedFiles<'_> {
         }
     }
 
-    /// Adds a file, unless there is no more room for it.
+    /// Adds a file, unless the texts would become too long.
     fn add_file(&mut self, name: String, text: String) {
         if self.length + text.len() > TEXTS_MAX {
             let why = format!("the files of a spec have at most {} MiB together", TEXTS_MAX >> 20);
@@ -138,19 +138,19 @@ fn tree(source: &Source) -> Node {
     Node::new(parse(source, Origin::Spec).root, Origin::Spec)
 }
 
-/// Whether a text has to be read for its uses: most texts use nothing, and an editor asks at each keystroke.
+/// Returns whether a text may use files. Most texts use none, and an editor asks at each keystroke, so this check is cheap.
 fn may_use(source: &Source) -> bool {
     // There may be a comment before the path.
     source.text.split("use").skip(1).any(|rest| rest.trim_start().starts_with(['"', '/']))
 }
 
-/// The written paths in the `use` items of a file.
+/// Returns the paths in the `use` items of a file, as the file writes them.
 pub(crate) fn uses(file: &Node) -> Vec<Name> {
     let items = file.children_of(Use);
     items.filter_map(|item| item.token(Text).map(|path| Name { text: path.content(), span: path.span() })).collect()
 }
 
-/// The path of a file that another one uses.
+/// Returns the path of a file that another file uses.
 pub(crate) fn resolve(user: &str, path: &str) -> String {
     match user.rsplit_once('/') {
         Some((folder, _)) if !path.starts_with('/') => normal(&format!("{folder}/{path}")),
@@ -158,7 +158,7 @@ pub(crate) fn resolve(user: &str, path: &str) -> String {
     }
 }
 
-/// A path without `.`, without `..` after a name, and without a `/` at its end.
+/// Returns a path without `.`, without `..` after a name, and without a `/` at its end.
 pub(crate) fn normal(path: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
     for part in path.split('/') {
@@ -257,7 +257,7 @@ mod tests {
                 "home/arms/lost.dca! no such file"
             ]
         );
-        // A spec that uses the folder it is in is not taken twice.
+        // A spec that uses its own folder is not added again.
         assert_eq!(
             roles("use \".\";", &[("home", &["spec.dca", "inner.dca"]), ("home/inner.dca", &[])]),
             ["home: home/inner.dca home/spec.dca", "home/inner.dca! it is a folder"]

@@ -1,10 +1,10 @@
 //! The names that hosts can have.
 
-/// The longest name of a host, in bytes: a label of the domain name system. Source: RFC 1035, 2.3.4.
+/// The longest name of a host, in bytes. It must be one label of the domain name system. Source: RFC 1035, 2.3.4.
 const NAME_SIZE_MAX: usize = 63;
 
-/// Returns why no node takes this name, if so. Nodes ask `HostName` of `comms`, which this room does not know; a test of several
-/// rooms compares the two.
+/// Returns the reason if no node can have this name. Nodes check names with `HostName` of `comms`, which this crate does not depend on. A
+/// test of several crates compares the two.
 pub fn host_name_problem(name: &str) -> Option<&'static str> {
     let is_first = |byte: u8| byte.is_ascii_alphanumeric();
     let is_plain = |byte: u8| is_first(byte) || matches!(byte, b'_' | b'-' | b'.');

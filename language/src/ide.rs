@@ -1,10 +1,9 @@
 //! Answers the questions of an editor: diagnostics, definitions, references, completion, renames.
 //!
-//! Text and a place in, answers out: no protocol, no file, no state. An [`Analysis`] is one spec with the files it uses
-//! and the interfaces of its programs, compiled once; it answers any number of questions about that text and is thrown
-//! away at the next keystroke. Checking again from the start is fast enough for that (see *Measured* in the
-//! architecture), and leaves nothing to go stale. The index of names, which only questions need, is made at the first
-//! question.
+//! The input is a text and a place in it, and the output is an answer: the service has no protocol, no files and no state. An [`Analysis`] is one
+//! spec with its files and the interfaces of its programs, compiled once. It answers any number of questions about that text, and is
+//! discarded at the next keystroke. Checking from the start is fast enough for this (see *Measured* in the architecture), and no state can
+//! become stale. The index of names is made at the first question that needs it.
 //!
 //! ```
 //! use language::{Options, Source, ide::Analysis};
@@ -45,7 +44,7 @@ pub use hover::Hover;
 pub use outline::{OutlineKind, Symbol};
 pub use rename::{FileEdit, RenameError, rename};
 
-/// A spec that was compiled once, to be asked about.
+/// A spec that was compiled once and answers questions.
 #[derive(Debug)]
 pub struct Analysis {
     spec: Source,
@@ -58,19 +57,19 @@ pub struct Analysis {
     index: OnceCell<Index>,
 }
 
-/// Where a name is declared, in a way that holds between specs: by the name of the text.
+/// The place where a name is declared. It is the same in all specs, because it has the name of the text.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Declaration {
-    /// Name of the source.
+    /// The name of the source.
     pub file: String,
-    /// First byte of the name.
+    /// The first byte of the name.
     pub start: u32,
-    /// One after its last byte.
+    /// The byte after the name.
     pub end: u32,
 }
 
 impl Analysis {
-    /// Compiles a spec; `others` are the files it uses and the interfaces, as for [`crate::compile`].
+    /// Compiles a spec. `others` are its files and the interfaces, as for [`crate::compile`].
     pub fn new(spec: Source, others: Vec<Source>, options: &Options) -> Self {
         let (compiled, model, _) = check::compile_with_model(&spec, &others, options);
         Self {
@@ -90,7 +89,7 @@ impl Analysis {
         &self.diagnostics
     }
 
-    /// Returns the plan; absent exactly when there is an error.
+    /// Returns the plan. There is none exactly when there is an error.
     pub fn plan(&self) -> Option<&Plan> {
         self.plan.as_ref()
     }
@@ -100,7 +99,7 @@ impl Analysis {
         &self.spec
     }
 
-    /// Returns the files it uses and the interfaces, as they were given.
+    /// Returns the files of the spec and the interfaces, as the caller gave them.
     pub fn others(&self) -> &[Source] {
         &self.others
     }
@@ -123,8 +122,8 @@ impl Analysis {
         }
     }
 
-    /// Returns where the name at a byte offset of the spec is declared, or the beginning of the file that a `use` names; of a
-    /// folder that of its first file.
+    /// Returns the place where the name at a byte offset of the spec is declared. For a `use`, this is the beginning of its file, or of the
+    /// first file in its folder.
     pub fn definition(&self, offset: usize) -> Option<Span> {
         if let Some(symbol) = self.index().at(offset) {
             return Some(self.index().symbols[symbol].declaration);
@@ -149,8 +148,8 @@ impl Analysis {
         Some(Declaration { file: self.source(span).name.clone(), start: span.start, end: span.end })
     }
 
-    /// Returns every place of a name, its declaration first, else in the order of the text; none if this spec does not
-    /// know it.
+    /// Returns every place of a name. The declaration comes first, and the other places are in the order of the text. The list is empty if
+    /// this spec does not know the name.
     pub fn references(&self, declaration: &Declaration) -> Vec<Span> {
         let Some(symbol) = self.find(declaration) else { return Vec::new() };
         let mut places: Vec<Span> = self.index().places(symbol).collect();
@@ -158,7 +157,7 @@ impl Analysis {
         places
     }
 
-    /// The symbol that is declared there.
+    /// Returns the symbol with this declaration.
     fn find(&self, declaration: &Declaration) -> Option<usize> {
         let is_it = |span: Span| {
             (span.start, span.end) == (declaration.start, declaration.end) && self.source(span).name == declaration.file
@@ -166,7 +165,7 @@ impl Analysis {
         self.index().symbols.iter().position(|symbol| is_it(symbol.declaration))
     }
 
-    /// The trees of the spec and of the others.
+    /// Returns the trees of the spec and of the other texts.
     fn trees(&self) -> &[Node] {
         self.trees.get_or_init(|| {
             let origins = (0..).map(Origin::Interface);
@@ -184,7 +183,7 @@ impl Analysis {
         self.source(span).text.get(span.start as usize..span.end as usize).unwrap_or_default()
     }
 
-    /// The token at a byte offset of the spec that means something; at a border a word wins.
+    /// Returns the token at a byte offset of the spec. Between two tokens, a word has precedence, and then a token that is not white space.
     fn token_at(&self, offset: usize) -> Option<SyntaxToken> {
         let offset = u32::try_from(offset.min(self.spec.text.len())).ok()?;
         let found = self.trees()[0].syntax().token_at_offset(offset.into());

@@ -1,10 +1,9 @@
-//! The `.dca` language: from text to plan, and the meaning of a plan. Pure: no clock, no file, no network.
+//! The `.dca` language: from text to plan, and the meaning of a plan. The crate is pure: it has no clock, no files and no network.
 //!
 //! A spec defines which processes run on which hosts, how their ports are connected, and in which order they run.
-//! [`compile`] reads it, together with the interfaces that controller programs print, and returns a [`plan::Plan`] and
-//! all diagnostics of the text: each [`Diagnostic`] has a stable [`Code`], places, a reason, and a fix when one is
-//! likely. A plan is absent exactly when there is an error. [`render`] makes the text with carets that a person reads,
-//! [`apply_fixes`] the corrected spec.
+//! [`compile`] reads it, together with the interfaces that controller programs print. It returns a [`plan::Plan`] and all diagnostics of
+//! the text. Each [`Diagnostic`] has a stable [`Code`], places, a reason, and a fix if one is likely. The plan is missing exactly when
+//! there is an error. [`render`] makes the text with carets that a person reads, and [`apply_fixes`] makes the corrected spec.
 //!
 //! ```
 //! use language::{Options, Source, Style, apply_fixes, compile, render};
@@ -27,8 +26,8 @@
 //! assert!(apply_fixes(&spec.text, &compiled.diagnostics).contains("{ lamp, switch[on] }"));
 //! ```
 //!
-//! Way of a text: [`syntax`] makes a lossless tree of it, whatever it contains; `check` resolves names, types, ports
-//! and hosts, and lowers the result to a flat [`plan`]; [`algebra`] defines the behaviour of a plan, event by event.
+//! A text is processed in three steps. [`syntax`] makes a lossless tree from any text. `check` resolves names, types, ports and hosts, and
+//! lowers the result to a flat [`plan`]. [`algebra`] defines the behaviour of a plan, event by event.
 
 pub mod algebra;
 mod assignment;
@@ -68,7 +67,7 @@ pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts}
 /// The options of a compilation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Name of the deployment: the file's stem unless the user gave another.
+    /// The name of the deployment: the stem of the file's name, unless the user gave another name.
     pub name: String,
     /// Whether names that are not written exactly are errors.
     pub deny_lenient_names: bool,
@@ -84,7 +83,7 @@ impl Options {
 /// The result of a compilation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compiled {
-    /// The plan; absent exactly when there is an error.
+    /// The plan. It is missing exactly when there is an error.
     pub plan: Option<plan::Plan>,
     /// The diagnostics in the order of the text, at most 10,000. If there are more, warnings are left out before errors.
     pub diagnostics: Vec<Diagnostic>,
@@ -92,8 +91,8 @@ pub struct Compiled {
     pub omitted: usize,
 }
 
-/// Returns the parameters of each module that interfaces declare, as its program gets them: a field of a record is one of its
-/// own, `grasp.force`. There is nothing for a module of which that cannot be said, as one with a list of any length.
+/// Returns the parameters of each module that interfaces declare, in the form for its program. Each field of a record is a parameter, such
+/// as `grasp.force`. A module has none if this form is impossible, for example because of a list of any length.
 pub fn parameters(interfaces: &[Source]) -> std::collections::BTreeMap<String, Option<Vec<plan::Parameter>>> {
     check::parameters(interfaces)
 }
@@ -103,7 +102,7 @@ pub fn is_quantity(text: &str) -> bool {
     matches!(unit::read(text), Ok((_, Some(_))))
 }
 
-/// Returns a value that is spelt as in a spec, `20 N` or `20`, in SI units; none if it is not of this type of quantities.
+/// Returns a value in SI units. The value is written as in a spec, `20 N` or `20`. Returns none if it is not of this type of quantities.
 ///
 /// ```
 /// assert_eq!(language::quantity("2 kN", "Force"), Some(2000.0));
@@ -115,7 +114,7 @@ pub fn quantity(text: &str, type_name: &str) -> Option<f64> {
     dimension.is_none_or(|dimension| dimension == of_type).then_some(number)
 }
 
-/// Returns the modules of these texts that are programs in Python and leave their interfaces to them.
+/// Returns the modules of these texts that have Python programs and leave the interface to the program.
 pub fn asked(sources: &[Source]) -> Vec<AskedModule> {
     check::asked(sources)
 }
@@ -125,14 +124,14 @@ pub fn record_types(sources: &[Source]) -> Vec<RecordType> {
     check::record_types(sources)
 }
 
-/// Returns the message of each output of each module, as far as interfaces declare it: by module, then by output.
+/// Returns the message of each output of each module, if an interface declares it: by module, then by output.
 pub fn messages(
     interfaces: &[Source],
 ) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, Message>> {
     check::messages(interfaces)
 }
 
-/// Returns the type of each port of each module, as interfaces spell it: by module, then by port.
+/// Returns the type of each port of each module as interfaces write it: by module, then by port.
 pub fn port_types(
     interfaces: &[Source],
 ) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, String>> {
@@ -147,13 +146,13 @@ pub fn exports(
     check::exports(interfaces)
 }
 
-/// Compiles a spec for a verifier. In addition to the result of [`compile`], returns the place of everything in the
-/// text, and the properties to be proved. The sites are absent exactly when the plan is.
+/// Compiles a spec for a verifier. In addition to the result of [`compile`], returns the place of each part in the text, and the properties
+/// to prove. The sites are missing exactly when the plan is missing.
 pub fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<sites::Sites>) {
     check::compile_with_sites(spec, interfaces, options)
 }
 
-/// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.
+/// Compiles a spec. `interfaces` are texts with `module` blocks, as controller programs print them.
 pub fn compile(spec: &Source, interfaces: &[Source], options: &Options) -> Compiled {
     let (compiled, _, _) = check::compile_with_model(spec, interfaces, options);
     compiled

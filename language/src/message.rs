@@ -1,17 +1,17 @@
-//! The layout of the messages on a wire, as far as the interface of the sender declares it, and which senders have to be asked.
+//! The layout of the messages on a wire, if the interface of the sender declares it. Also the modules whose programs must be asked.
 
 use crate::plan::Environment;
 
 /// A message that an output sends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Its type: `Wrench`.
+    /// The type of the message: `Wrench`.
     pub name: String,
     /// The layout of its bytes.
     pub layout: Layout,
 }
 
-/// The layout of a message: its values one after the other, in the order of its type, as postcard encodes them.
+/// The layout of a message: its values one after the other, in the order of its type, in postcard encoding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// A number of 64 bits, `f64`, in SI units.
@@ -23,58 +23,58 @@ pub enum Layout {
     Truth,
     /// `String`.
     Text,
-    /// A message of ROS 2, as the bytes of its CDR with their length.
+    /// A message of ROS 2: the bytes of its CDR encoding, with their length before them.
     Ros {
-        /// Its type: `ros.sensor.LaserScan`.
+        /// The type of the message: `ros.sensor.LaserScan`.
         of: String,
     },
     /// Fields with their names.
     Record(Vec<(String, Self)>),
     /// Elements of one type.
     List {
-        /// Of which.
+        /// The layout of an element.
         of: Box<Self>,
-        /// The number of elements; none for any number, which is then sent with them.
+        /// The number of elements. Without a number, the list may have any length, and the length is sent before the elements.
         count: Option<usize>,
     },
 }
 
-/// A module whose interface comes from its program, which is in Python.
+/// A module whose interface comes from its Python program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AskedModule {
-    /// Its name: `Keep`.
+    /// The name of the module: `Keep`.
     pub name: String,
-    /// The program and its arguments, as [`words`](crate::plan::words) reads them; the last one is the name.
+    /// The program and its arguments, in the form for [`words`](crate::plan::words). The last argument is the name of the module.
     pub exec: String,
     /// The variables and the folder of the program.
     pub environment: Environment,
 }
 
-/// A record type that the texts declare, for programs in other languages.
+/// A record type that texts declare. Programs in other languages need it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordType {
-    /// Its name: `Wrench`.
+    /// The name of the type: `Wrench`.
     pub name: String,
-    /// The text of its doc comments.
+    /// The text of the doc comments of the type.
     pub doc: String,
-    /// Its fields in order.
+    /// The fields in their order.
     pub fields: Vec<(String, FieldType)>,
 }
 
-/// The type of a field, in which record types keep their names.
+/// The type of a field. Record types in it keep their names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FieldType {
     /// `Number`, `Force`, `Truth`, `Text`, `Bytes`, or a type of programs.
     Plain(String),
     /// A record type, by its name.
     Named(String),
-    /// A record that is written out.
+    /// A record without a name.
     Record(Vec<(String, Self)>),
     /// Elements of one type.
     List {
-        /// Of which.
+        /// The type of an element.
         of: Box<Self>,
-        /// How many; any number if that is not said.
+        /// The number of elements. Without a number, the list may have any length.
         count: Option<usize>,
     },
 }

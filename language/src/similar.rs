@@ -2,36 +2,36 @@
 
 use std::collections::BTreeSet;
 
-/// The cost of one edit; look-alikes cost less.
+/// The cost of one edit. Replacing a letter by one that looks alike, or by the other case, costs less.
 const EDIT: usize = 10;
 const LOOK_ALIKE: usize = 1;
 const CASE: usize = 2;
-/// Longer names are compared by this many characters.
+/// The largest number of characters of a name that are compared.
 const LENGTH_MAX: usize = 64;
 
-/// The number of names that are offered in addition to the nearest one.
+/// The number of names that are offered in addition to the nearest name.
 const OTHERS_MAX: usize = 2;
 
 /// The candidates that look like a name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Near<'a> {
-    /// The nearest one.
+    /// The nearest name.
     pub(crate) name: &'a str,
-    /// The next ones.
+    /// The next nearest names.
     pub(crate) others: Vec<&'a str>,
-    /// Whether only case and `_` of the nearest one differ, and no other candidate is like that.
+    /// Whether the nearest name differs only in case and `_`, and no other candidate does.
     pub(crate) is_same: bool,
 }
 
-/// Returns the candidate that looks most like `name`, if it is near enough: at most a third of the letters differ.
+/// Returns the candidate that looks most like `name`, if it is near enough: at most a third of the letters may differ.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     near(name, candidates).map(|near| near.name)
 }
 
-/// Returns the candidates that look most like `name`, if any is near enough.
+/// Returns the candidates that look most like `name`, if any of them is near enough.
 pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<Near<'a>> {
     let name_length = length(name);
-    // A word in the wrong place is not a misspelling of itself.
+    // The name itself is left out, because a word in the wrong place is not a misspelling of itself.
     let similar = candidates.into_iter().filter(|candidate| *candidate != name).filter_map(|candidate| {
         let length = length(candidate);
         let (shorter, longer) = (length.min(name_length), length.max(name_length));
@@ -52,7 +52,7 @@ pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>
     Some(Near { name: names.next()?, others: names.take(OTHERS_MAX).collect(), is_same })
 }
 
-/// A name without its case and its `_`.
+/// Returns a name without upper case and without `_`.
 pub(crate) fn fold(name: &str) -> String {
     folded(name).collect()
 }
@@ -61,24 +61,24 @@ fn folded(name: &str) -> impl Iterator<Item = char> {
     name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase)
 }
 
-/// Returns how many pairs of letters a comparison looks at, at least one.
+/// Returns how many pairs of letters a comparison uses, at least one.
 pub(crate) fn effort(name: &str, candidate: &str) -> usize {
     1 + name.len().min(LENGTH_MAX) * candidate.len().min(LENGTH_MAX)
 }
 
-/// How many letters of a name are compared.
+/// Returns how many letters of a name are compared.
 fn length(name: &str) -> usize {
     name.chars().take(LENGTH_MAX).count()
 }
 
-/// The Damerau-Levenshtein distance (adjacent swaps count once) in tenths of an edit, where characters that look alike
-/// are nearly equal: `lb11` and `lbl1` differ by 1.
+/// Returns the Damerau-Levenshtein distance in tenths of an edit. A swap of adjacent letters is one edit. Characters that look alike are
+/// nearly equal: `lb11` and `lbl1` differ by 1.
 fn distance(one: &str, other: &str) -> usize {
     distance_within(one, other, usize::MAX).unwrap_or(usize::MAX)
 }
 
-/// The same distance; none if it is larger than `most`. A spec with a thousand mistakes is compared at each keystroke, so this
-/// allocates nothing, and stops at the first row that is too far away.
+/// Returns the same distance, or none if it is greater than `most`. A spec with a thousand mistakes is compared at each keystroke. So this
+/// function allocates nothing, and stops at the first row that is too far away.
 fn distance_within(one: &str, other: &str, most: usize) -> Option<usize> {
     let (one, other) = (&letters(one), &letters(other));
     let ((one, rows), (other, columns)) = ((&one.0, one.1), (&other.0, other.1));
@@ -99,7 +99,7 @@ fn distance_within(one: &str, other: &str, most: usize) -> Option<usize> {
             current[column] = best;
             least = least.min(best);
         }
-        // A swap takes the row before the last, so both have to be too far away.
+        // A swap uses the row before the previous row, so both rows must be too far away.
         if least > most && last[..=columns].iter().all(|distance| *distance > most) {
             return None;
         }
@@ -108,7 +108,7 @@ fn distance_within(one: &str, other: &str, most: usize) -> Option<usize> {
     Some(last[columns]).filter(|distance| *distance <= most)
 }
 
-/// The letters of a name that are compared, and how many they are.
+/// Returns the letters of a name that are compared, and their number.
 fn letters(name: &str) -> ([char; LENGTH_MAX], usize) {
     let (mut letters, mut count) = (['\0'; LENGTH_MAX], 0);
     for (place, letter) in letters.iter_mut().zip(name.chars()) {
@@ -118,7 +118,7 @@ fn letters(name: &str) -> ([char; LENGTH_MAX], usize) {
     (letters, count)
 }
 
-/// Returns the shape that a letter shares with others that look like it, if there are any.
+/// Returns the common shape of letters that look like this letter, if there are any.
 fn shape(letter: char) -> Option<char> {
     match letter {
         'l' | '1' | 'I' | '|' => Some('l'),
@@ -144,7 +144,7 @@ fn cost(one: char, other: char) -> usize {
     }
 }
 
-/// Returns a name with the look-alikes spelled out, for two names that a reader cannot distinguish: `l-b-1-1`.
+/// Returns a name with hyphens between its letters: `l-b-1-1`. It is for two names that a reader cannot distinguish.
 pub(crate) fn spell(name: &str) -> String {
     name.chars().map(String::from).collect::<Vec<_>>().join("-")
 }

@@ -1,7 +1,7 @@
 //! Runs a plan with fake leaves: `dca sim`.
 //!
-//! Groups react by the same [`step`] as in a deployment; leaves only begin, and end on an order of the script. Stopping takes
-//! no time. The clock is virtual and moves on an order of the script.
+//! Groups react by the same [`step`] as in a deployment. Leaves only begin, and they end when the script says so. Stopping takes no time.
+//! The clock is virtual and moves when the script says so.
 
 mod chart;
 mod command;
@@ -23,8 +23,8 @@ pub use random::RandomRun;
 pub use replay::ReplayError;
 pub use trace::{ProgramFault, TraceError, TraceEvent};
 
-/// The most events of one instant: more than the largest plan needs to start everything and to stop it. Beyond them, a
-/// loop turns in no time.
+/// The largest number of events of one instant. The largest plan needs fewer to start everything and to stop it. More events mean that a
+/// loop repeats without any time passing.
 const INSTANT_MAX: usize = 10 * LEAVES_MAX;
 
 /// An event of a simulation.
@@ -32,7 +32,7 @@ const INSTANT_MAX: usize = 10 * LEAVES_MAX;
 pub struct SimulationEvent {
     /// The time since the start.
     pub at: Duration,
-    /// Path of the group or leaf.
+    /// The path of the group or leaf.
     pub path: String,
     /// The new state of the process.
     pub transition: Transition,
@@ -49,13 +49,13 @@ pub enum Transition {
     Aborted(String),
     /// The process was stopped.
     Stopped,
-    /// The process is asked to stop, while a story is played.
+    /// The process is asked to stop. This occurs only while a story is played.
     Stopping,
     /// A wait of this length begins.
     Waits(Duration),
-    /// A part of a group begins that may take so long: `P within 5 s`.
+    /// A part of a group begins that has this time limit: `P within 5 s`.
     Limited(Duration),
-    /// An activity is in these states, or does something that is seen outside.
+    /// An activity is in these states, or does something that is visible outside.
     Says(String),
 }
 
@@ -66,11 +66,11 @@ pub enum Ending {
     Done,
     /// A normal end with the outcome of this name.
     Outcome(String),
-    /// A failure that the program reports, for this reason.
+    /// A failure with this reason, which the program reports.
     Aborted(String),
     /// The end of a program that has died.
     Crashed,
-    /// The loss of its host.
+    /// The loss of the leaf's host.
     HostLost,
 }
 
@@ -90,7 +90,7 @@ struct ActivationRef {
     activation: Activation,
 }
 
-/// A wait of a group that has begun.
+/// A wait of a group.
 #[derive(Clone, Copy, Debug)]
 struct Timer {
     group: usize,
@@ -108,21 +108,21 @@ pub struct Simulation<'a> {
     now: Duration,
     /// The leaves that run.
     leaves: BTreeMap<u32, ActivationRef>,
-    /// For each group that runs below `main`, where its end is awaited.
+    /// For each running group below `main`, the activation that waits for its end.
     seats: BTreeMap<usize, ActivationRef>,
-    /// The waits, by when they end and when they began.
+    /// The waits, by the time when they end and then by their order of beginning.
     timers: BTreeMap<(Duration, u64), Timer>,
     counter: u64,
     queue: VecDeque<(usize, Event)>,
-    /// How many events there were at this instant.
+    /// How many events there were at the current instant.
     events: usize,
     log: Vec<SimulationEvent>,
     timeline: Timeline,
     outcome: Option<Transition>,
-    /// The states that each activity was last seen in.
+    /// The states of each activity that were last noted.
     states_seen: BTreeMap<usize, String>,
     last_ends: BTreeMap<usize, GroupEnd>,
-    /// The story's open statements, while one is played.
+    /// The open state of the story, while a story is played.
     pending: Option<Pending>,
 }
 
@@ -150,7 +150,7 @@ impl<'a> Simulation<'a> {
         simulation
     }
 
-    /// A plan of which nothing has begun.
+    /// Returns a simulation of a plan before anything has begun.
     fn idle(plan: &'a Plan) -> Self {
         let programs: Vec<Program> = plan.groups.iter().map(Program::compile).collect();
         let states = programs.iter().map(State::new).collect();
@@ -174,22 +174,22 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Returns how much time has passed.
+    /// Returns the time since the start.
     pub fn now(&self) -> Duration {
         self.now
     }
 
-    /// Returns how `main` ended, once it has.
+    /// Returns the outcome of `main`, if it has ended.
     pub fn outcome(&self) -> Option<&Transition> {
         self.outcome.as_ref()
     }
 
-    /// Returns the paths of the leaves that run, in the order of the plan.
+    /// Returns the paths of the running leaves, in the order of the plan.
     pub fn running(&self) -> Vec<&'a str> {
         self.leaves.keys().map(|&leaf| self.plan.leaves[leaf as usize].path.as_str()).collect()
     }
 
-    /// Returns when the next wait ends.
+    /// Returns the time when the next wait ends.
     pub fn next_timer(&self) -> Option<Duration> {
         self.timers.keys().next().map(|&(due, _)| due)
     }
@@ -199,15 +199,15 @@ impl<'a> Simulation<'a> {
         std::mem::take(&mut self.log)
     }
 
-    /// Returns the activity over time until now, as a picture (SVG).
+    /// Returns a chart of the run until now, as a picture (SVG).
     pub fn chart(&self) -> String {
         self.timeline.svg(self.plan, self.now)
     }
 
-    /// Lets a running leaf end. The leaf is named by its path, or by a unique end of it.
+    /// Lets a running leaf end. `name` is the path of the leaf, or a unique end of the path.
     ///
     /// # Errors
-    /// No running leaf has this name, or more than one has it.
+    /// If no running leaf has this name, or if several have it.
     pub fn end(&mut self, name: &str, ending: Ending) -> Result<(), SimulationError> {
         let leaf = self.find(name)?;
         self.end_leaf(leaf, ending);
@@ -220,7 +220,7 @@ impl<'a> Simulation<'a> {
         self.react();
     }
 
-    /// Lets time pass; waits that end on the way do so in order.
+    /// Lets time pass. Waits that end in this time end in their order.
     pub fn pass(&mut self, time: Duration) {
         let until = self.now.saturating_add(time);
         while let Some((&(due, number), &ends)) = self.timers.first_key_value() {
@@ -282,7 +282,7 @@ impl<'a> Simulation<'a> {
         kind == Some(TimerKind::Limit)
     }
 
-    /// Notes what became of a wait, or of a limit; it has a line of its own in the chart.
+    /// Notes the start or the end of a wait or of a limit. It has its own line in the chart.
     fn note_wait(&mut self, timer: Timer, transition: &Transition) {
         let (path, seconds) = (&self.plan.groups[timer.group].path, timer.after.as_secs_f64());
         let line = if self.is_limit(timer) {
@@ -293,7 +293,7 @@ impl<'a> Simulation<'a> {
         self.timeline.note(&line, self.now, transition);
     }
 
-    /// Reacts until nothing is left to react to.
+    /// Reacts to the events in the queue until the queue is empty.
     fn react(&mut self) {
         let mut commands = Vec::new();
         while let Some((group, event)) = self.queue.pop_front() {
@@ -312,7 +312,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Nothing but the number of events will change any more: this ends the run.
+    /// Gives the run up, because only the number of events would still grow.
     fn give_up(&mut self) {
         self.queue.clear();
         self.timers.clear();
@@ -363,7 +363,7 @@ impl<'a> Simulation<'a> {
                 let transition =
                     if self.is_limit(timer) { Transition::Limited(after) } else { Transition::Waits(after) };
                 self.note(self.plan.groups[group].path.clone(), transition);
-                // The timers of an activity have an order, so they are as long as on a robot.
+                // The order of an activity's timers matters, so each is at least as long as on a robot.
                 let least = if self.chart_of(group).is_some() { TIMER_LEAST } else { Duration::ZERO };
                 let due = self.now.saturating_add(after.max(least));
                 self.note_wait(timer, &Transition::Started);
@@ -381,7 +381,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// The end of a group: an event for the group around it.
+    /// Handles the end of a group, which is an event for the group around it.
     fn ended(&mut self, group: usize, outcome: Outcome) {
         let outcome = self.escalated(group, outcome);
         self.states_seen.remove(&group);
@@ -412,7 +412,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Why a member that is a group has failed, if it has.
+    /// Returns the reason why a member that is a group has failed, if it has failed.
     fn last_words(&self, group: usize, member: u32) -> Option<String> {
         let MemberKind::Group(inner) = self.plan.groups[group].members[member as usize].kind else { return None };
         let Transition::Aborted(text) = &self.last_ends.get(&(inner as usize))?.transition else { return None };
@@ -439,7 +439,7 @@ impl<'a> Simulation<'a> {
             Cause::StopUnconfirmed => "its stop could not be confirmed".to_owned(),
             Cause::ServiceEnded => "a service ended".to_owned(),
             Cause::NoMatch => "no arm of `match` has this outcome".to_owned(),
-            // A picture has room for a word.
+            // The chart has space for one word only.
             Cause::Failed(why) if why.starts_with(DEADLINE) => "timeout".to_owned(),
             Cause::Failed(why) => why.to_string(),
         };

@@ -1,4 +1,4 @@
-//! The information that a verifier needs besides the plan: the place of everything in the text, the durations of
+//! The information that a verifier needs in addition to the plan: the place of each part in the text, the durations of
 //! programs, and the properties that the spec states.
 
 use crate::source::Span;
@@ -18,50 +18,50 @@ pub struct Sites {
 /// The place of a group in the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupSites {
-    /// The name of its process, where that is defined.
+    /// The name of the group's process, at its definition.
     pub name: Span,
-    /// Its instances, in the order of their slots.
+    /// The instances, in the order of their slots.
     pub members: Vec<Span>,
-    /// The nodes of its expression, in the order in which `algebra::Program` numbers them.
+    /// The nodes of the expression, in the order in which `algebra::Program` numbers them.
     pub nodes: Vec<Span>,
-    /// The first line of each connection set.
+    /// The first connection of each connection set.
     pub sets: Vec<Span>,
 }
 
 /// The facts from the interface of a leaf.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LeafFacts {
-    /// The shortest and the longest time from its start to its end, `duration 1 s .. 15 s;`.
+    /// The shortest and the longest time from the start of the leaf to its end: `duration 1 s .. 15 s;`.
     pub takes: Option<(Duration, Duration)>,
-    /// The inputs that it does not work without.
+    /// The inputs that the leaf needs.
     pub inputs: Vec<String>,
-    /// The inputs that it also works without.
+    /// The inputs that the leaf can work without.
     pub optional: Vec<String>,
 }
 
 /// One sentence of a `verify` block about one group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Property {
-    /// Its place.
+    /// The place of the sentence.
     pub span: Span,
-    /// Its text on one line.
+    /// The text of the sentence on one line.
     pub text: String,
-    /// The group that it is about: an index into `Plan::groups`.
+    /// The group that the sentence is about, as an index into `Plan::groups`.
     pub group: u32,
-    /// The sentence itself.
+    /// The meaning of the sentence.
     pub sentence: Sentence,
 }
 
 /// A process that a sentence names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ProcessRef {
-    /// Index into `Plan::groups`.
+    /// The index of the group in `Plan::groups`.
     pub group: u32,
-    /// The slot of the member; without one the group itself.
+    /// The slot of the member. Without a slot, the process is the group itself.
     pub member: Option<u32>,
 }
 
-/// Something that happens to a process.
+/// An event of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Occurrence {
     /// The process.
@@ -73,18 +73,18 @@ pub struct Occurrence {
 /// The kinds of events of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EventKind {
-    /// It is activated.
+    /// The process is activated.
     Started,
-    /// It is done; with this tag, if one is given.
+    /// The process is done. If there is a tag, the outcome has this tag.
     Done(Option<String>),
-    /// It fails.
+    /// The process fails.
     Aborted,
-    /// It has ended, in any way.
+    /// The process has ended, in any way.
     Ended,
 }
 
 impl EventKind {
-    /// The outcome that is asked for, if one is.
+    /// Returns the outcome that the event must have, if there is one.
     pub fn outcome(&self) -> Option<&str> {
         match self {
             Self::Done(outcome) => outcome.as_deref(),
@@ -96,20 +96,20 @@ impl EventKind {
 /// The consequence that a sentence requires after an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Consequence {
-    /// `p stopped`, `p stopped within 300 ms`: nothing of it runs any more, at the latest after that time.
+    /// `p stopped`, `p stopped within 300 ms`: no part of the process runs any more, at the latest after that time.
     Stopped(ProcessRef, Option<Duration>),
-    /// `never p`, `not p.done`: this event does not happen any more.
+    /// `never p`, `not p.done`: this event never happens after that.
     Never(Occurrence),
-    /// `eventually p`, `eventually p.done`: this happens, at the latest when nothing else can.
+    /// `eventually p`, `eventually p.done`: this event happens, at the latest when no other event is possible.
     Eventually(Occurrence),
 }
 
-/// Which fault a sentence is about.
+/// The fault that a sentence is about.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// `crash of p`, `crash of any`.
     Crash(Option<ProcessRef>),
-    /// `hang of p`, `hang of any`: it never ends by itself.
+    /// `hang of p`, `hang of any`: the program never ends by itself.
     Hang(Option<ProcessRef>),
     /// `loss of host(c1)`.
     HostLoss(String),
@@ -118,7 +118,8 @@ pub enum Fault {
 /// The statement of a property.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sentence {
-    /// `never a with b`, and each two of `exclusive a, b, c`: they never run at the same time, also while they stop.
+    /// `never a with b`, and each pair of `exclusive a, b, c`: they never run at the same time. A process that is
+    /// stopping still runs.
     NeverTogether(Vec<ProcessRef>),
     /// `always a implies b`: b runs at all times at which a runs.
     Implies(ProcessRef, ProcessRef),
@@ -144,10 +145,10 @@ pub enum Sentence {
     Holds(Formula),
 }
 
-/// A formula of linear temporal logic over events, without a word for "next".
+/// A formula of linear temporal logic over events. It has no word for "next".
 ///
-/// At each position of a run an event has just happened: the atoms about this event are true there, and those about the
-/// processes that run after it. A run that has come to its end repeats its last position for ever without events.
+/// At each position of a run, an event has just happened. There, the atoms about this event are true, and the atoms
+/// about the processes that run after it. A run that has ended repeats its last position for ever, without events.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Formula {
     /// `true`, `false`
@@ -162,29 +163,29 @@ pub enum Formula {
     Or(Box<Self>, Box<Self>),
     /// `p <-> q`
     Same(Box<Self>, Box<Self>),
-    /// `p U q`: q comes, and p until then. `F q` is `true U q`.
+    /// `p U q`: q happens, and p holds until then. `F q` is `true U q`.
     Until(Box<Self>, Box<Self>),
-    /// `p W q`: p until q, or for ever.
+    /// `p W q`: p holds until q happens, or for ever.
     WeakUntil(Box<Self>, Box<Self>),
-    /// `p R q`: q up to and with the first p, or for ever. `G q` is `false R q`.
+    /// `p R q`: q holds up to and including the first p, or for ever. `G q` is `false R q`.
     Release(Box<Self>, Box<Self>),
 }
 
 /// A statement about one position of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Atom {
-    /// `p`: it is active, also while it stops.
+    /// `p`: the process is active. A process that is stopping is still active.
     Active(ProcessRef),
-    /// `p.running`: it is active, and neither it nor anything around it is being stopped.
+    /// `p.running`: the process is active, and neither the process nor a group around it is being stopped.
     Running(ProcessRef),
-    /// `p.stopping`: it is active, and it or something around it is being stopped.
+    /// `p.stopping`: the process is active, and the process or a group around it is being stopped.
     Stopping(ProcessRef),
-    /// `p.done`, `p.started`: this has just happened.
+    /// `p.done`, `p.started`: this event has just happened.
     Happens(Occurrence),
 }
 
 impl Sentence {
-    /// The events that it names.
+    /// Returns the events that the sentence names.
     pub fn events(&self) -> Vec<&Occurrence> {
         match self {
             Self::OnlyAfter(_, event) | Self::Eventually(event) => vec![event],

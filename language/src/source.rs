@@ -4,7 +4,7 @@ mod lines;
 
 pub use lines::{Lines, Texts};
 
-/// The longest text that is read, in bytes.
+/// The longest text that can be read, in bytes.
 pub const SOURCE_MAX: usize = 16 * 1024 * 1024;
 
 /// A named text: a spec, or the interfaces of some modules.
@@ -12,23 +12,23 @@ pub const SOURCE_MAX: usize = 16 * 1024 * 1024;
 pub struct Source {
     /// The name in diagnostics, usually a path.
     pub name: String,
-    /// Its content.
+    /// The content.
     pub text: String,
-    /// The part that this text has in the spec.
+    /// The role of the text in the spec.
     pub role: Role,
 }
 
 /// The role of a text in the spec that is compiled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// The spec itself, or the interfaces that a program prints of itself.
+    /// The spec itself, or the interfaces that a program prints.
     Whole,
-    /// A file that the spec uses, directly or through others.
+    /// A file that the spec uses, directly or through other files.
     Part,
-    /// A folder that it uses: the names of the specs in it, each a part. The text is empty.
+    /// A folder that the spec uses, with the names of its specs. Each of them is a part. The text of this source is empty.
     Folder(Vec<String>),
-    /// A file or folder that it uses but that could not be read, for this reason; or the `exec` of a module whose program in Python was
-    /// asked for its interface, and failed.
+    /// A file or folder that the spec uses, but that could not be read, for this reason. It may also be the `exec` of a module whose Python
+    /// program was asked for its interface and failed.
     Missing(String),
 }
 
@@ -39,7 +39,7 @@ impl Source {
     }
 }
 
-/// A line and a column, both counted from 1; columns count characters.
+/// A line and a column. Both are counted from 1, and columns count characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
     /// The line.
@@ -53,7 +53,7 @@ pub struct Position {
 pub enum Origin {
     /// The spec.
     Spec,
-    /// An interface, by its place in the list.
+    /// An interface, by its index in the list.
     Interface(u32),
 }
 
@@ -62,19 +62,19 @@ pub enum Origin {
 pub struct Span {
     /// The text.
     pub origin: Origin,
-    /// First byte.
+    /// The first byte.
     pub start: u32,
-    /// One after the last byte.
+    /// The byte after the last one.
     pub end: u32,
 }
 
 impl Span {
-    /// Returns the empty span where this one starts.
+    /// Returns the empty span at the start of this span.
     pub fn at_start(self) -> Self {
         Self { end: self.start, ..self }
     }
 
-    /// Returns the empty span where this one ends.
+    /// Returns the empty span at the end of this span.
     pub fn at_end(self) -> Self {
         Self { start: self.end, ..self }
     }

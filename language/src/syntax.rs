@@ -1,7 +1,7 @@
-//! Text to tree: lexer, resilient parser, typed view.
+//! From text to tree: lexer, error-tolerant parser, typed view.
 //!
-//! The tree is lossless: the texts of its tokens, put together, are the source. Every keyword is contextual, so `host`,
-//! `add` or `model` stay legal names of instances.
+//! The tree is lossless: the texts of all its tokens together are the source. Every keyword depends on its context, so
+//! `host`, `add` or `model` can still be names of instances.
 
 pub(crate) mod ast;
 mod kind;

@@ -14,7 +14,7 @@ impl Dimension {
     }
 }
 
-/// Symbol, factor to SI, powers of metre, kilogram, second, ampere, radian and byte.
+/// Each unit has a symbol, a factor to SI, and its powers of metre, kilogram, second, ampere, radian and byte.
 const UNITS: &[(&str, f64, [i8; 6])] = &[
     ("s", 1.0, [0, 0, 1, 0, 0, 0]),
     ("ms", 1e-3, [0, 0, 1, 0, 0, 0]),
@@ -47,7 +47,7 @@ const UNITS: &[(&str, f64, [i8; 6])] = &[
     ("MB", 1e6, [0, 0, 0, 0, 0, 1]),
 ];
 
-/// Returns the factor to SI and the dimension of `m`, or of `m` by `s`.
+/// Returns the factor to SI and the dimension of a unit, such as `m`, or `m` per `s`.
 pub(crate) fn unit(symbol: &str, per: Option<&str>) -> Option<(f64, Dimension)> {
     let find = |symbol: &str| {
         let unit = UNITS.iter().find(|(name, _, _)| *name == symbol);
@@ -59,7 +59,7 @@ pub(crate) fn unit(symbol: &str, per: Option<&str>) -> Option<(f64, Dimension)> 
     Some((factor / divisor, dimension.per(below)))
 }
 
-/// Types of arguments that are quantities, each with an example, whose unit shows the dimension.
+/// The types of quantities. Each has an example and its SI unit, which gives the dimension.
 const TYPES: &[(&str, &str, &str, Option<&str>)] = &[
     ("Time", "5 s", "s", None),
     ("Length", "0.2 m", "m", None),
@@ -78,7 +78,7 @@ const TYPES: &[(&str, &str, &str, Option<&str>)] = &[
     ("Size", "4 MB", "B", None),
 ];
 
-/// Returns the dimension of a type of quantities, and an example of it.
+/// Returns the dimension of a type of quantities, and an example.
 pub(crate) fn of_type(name: &str) -> Option<(Dimension, &'static str)> {
     let &(_, example, symbol, per) = TYPES.iter().find(|(known, _, _, _)| *known == name)?;
     unit(symbol, per).map(|(_, dimension)| (dimension, example))
@@ -90,7 +90,7 @@ pub(crate) fn symbol(name: &str) -> Option<String> {
     Some(per.map_or_else(|| symbol.to_owned(), |per| format!("{symbol}/{per}")))
 }
 
-/// Returns what a person may write for a type of quantities: "`N` or `kN`".
+/// Returns the units that a person may write for a type of quantities: "`N` or `kN`".
 pub(crate) fn spellings(name: &str) -> String {
     let same =
         |&&(_, _, powers): &&(&str, f64, [i8; 6])| of_type(name).is_some_and(|(own, _)| own == Dimension(powers));
@@ -104,7 +104,7 @@ pub(crate) fn spellings(name: &str) -> String {
     }
 }
 
-/// Returns the type of the quantities of a dimension.
+/// Returns the type of the quantities with this dimension.
 pub(crate) fn type_of(dimension: Dimension) -> Option<&'static str> {
     TYPES.iter().map(|(name, ..)| *name).find(|name| of_type(name).is_some_and(|(own, _)| own == dimension))
 }
@@ -118,7 +118,7 @@ pub(crate) enum NotRead {
     NoUnit(String),
 }
 
-/// Reads a quantity or a number, as a spec spells it: `20 N`, `0.2m/s`, `5`; returns it in SI units.
+/// Reads a quantity or a number as a spec writes it: `20 N`, `0.2m/s`, `5`. Returns it in SI units.
 pub(crate) fn read(text: &str) -> Result<(f64, Option<Dimension>), NotRead> {
     let text = text.trim();
     let is_exponent = |at: usize| {
@@ -141,13 +141,13 @@ pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
     TYPES.iter().map(|&(name, example, ..)| (name, example))
 }
 
-/// Types of values that are not quantities.
+/// The types of values that are not quantities.
 pub(crate) const PLAIN: [&str; 6] = ["Host", "Text", "Number", "Truth", RESOURCE, SECRET];
 
-/// The type of a parameter that a resource is handed to.
+/// The type of a parameter that gets a resource.
 pub(crate) const RESOURCE: &str = "Resource";
 
-/// The type of a parameter that takes a secret of the database.
+/// The type of a parameter that gets a secret of the database.
 pub(crate) const SECRET: &str = "Secret";
 
 /// Returns whether the language itself has a type of this name.

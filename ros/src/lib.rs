@@ -1,7 +1,7 @@
-//! The formats of ROS 2: its messages, and how they are encoded.
+//! The formats of ROS 2: its messages and their encoding.
 //!
-//! [`logic::library`] has the definitions of the standard messages and services as data. [`logic::schema`] is a type that is
-//! ready to use, [`logic::cdr`] reads and writes its values, [`logic::hash`] is the hash that names a type. [`typed`] has the standard
+//! [`logic::library`] has the definitions of the standard messages and services as data. [`logic::schema`] is a type that is ready to use.
+//! [`logic::cdr`] reads and writes its values, and [`logic::hash`] computes the hash that identifies a type. [`typed`] has the standard
 //! messages as structs of Rust.
 //!
 //! ```

@@ -1,4 +1,4 @@
-//! The formats of ROS 2: types, values and names. It is all pure.
+//! The formats of ROS 2: types, values and names. All functions are pure.
 
 pub mod attachment;
 pub mod cdr;

@@ -37,15 +37,15 @@ use std::marker::PhantomData;
 
 /// A message of ROS 2.
 pub trait Message: Field {
-    /// Its name in ROS 2: `sensor_msgs/msg/LaserScan`.
+    /// The name in ROS 2: `sensor_msgs/msg/LaserScan`.
     const NAME: &'static str;
-    /// Its name in a spec: `ros.sensor.LaserScan`.
+    /// The name in a spec: `ros.sensor.LaserScan`.
     const SPEC: &'static str;
 
     /// Returns the message as CDR, with its header.
     ///
     /// # Errors
-    /// A text or a list is longer than CDR can say: 4 GiB.
+    /// If a text or a list is longer than CDR can express: 4 GiB.
     fn to_cdr(&self) -> Result<Vec<u8>, CdrError> {
         let mut writer = Writer::default();
         self.write(&mut writer)?;
@@ -55,7 +55,7 @@ pub trait Message: Field {
     /// Returns the message in `bytes`.
     ///
     /// # Errors
-    /// The bytes are not a message of this type.
+    /// If the bytes are not a message of this type.
     fn from_cdr(bytes: &[u8]) -> Result<Self, CdrError> {
         let mut reader = Reader::new(bytes)?;
         let message = Self::read(&mut reader)?;
@@ -64,7 +64,7 @@ pub trait Message: Field {
     }
 }
 
-/// Reads a message from the bytes of its CDR, as a wire has it.
+/// Reads a message from its CDR bytes, which are its form on a wire.
 pub(crate) fn from_bytes<'de, M: Message, D: Deserializer<'de>>(deserializer: D) -> Result<M, D::Error> {
     deserializer.deserialize_byte_buf(Bytes(PhantomData))
 }
@@ -93,9 +93,10 @@ pub(crate) fn shown_field<S: SerializeStruct, T: Field>(
     Ok(shown)
 }
 
-/// Declares a message as a struct. On a wire it is the bytes of its CDR; for people it has its fields.
+/// Declares a message as a struct. On a wire the message is its CDR bytes; people see its fields.
 ///
-/// All functions are `inline`, so that only those of messages that a program uses are compiled: 2 s less for this crate.
+/// All functions are `inline`, so that only the functions of messages that a program uses are compiled. This saves 2 s
+/// for this crate.
 macro_rules! message {
     (
         $name:ident, $ros:literal, $spec:literal;
@@ -128,7 +129,7 @@ macro_rules! message {
         }
 
         impl $crate::typed::Field for $name {
-            // A message without fields has one byte.
+            // A message without fields is one byte.
             const SIZE_MIN: usize = {
                 let size: usize = 0 $(+ <$type as $crate::typed::Field>::SIZE_MIN)*;
                 if size == 0 { 1 } else { size }
@@ -181,7 +182,7 @@ macro_rules! message {
     };
 }
 
-/// The value of a field before it is set.
+/// The value of a field that has not been set.
 macro_rules! initial {
     () => {
         $crate::typed::Field::zero()
@@ -191,7 +192,7 @@ macro_rules! initial {
     };
 }
 
-/// Writes or reads the byte of a message without fields, which means nothing.
+/// Writes or reads the byte of a message without fields. The byte has no meaning.
 macro_rules! placeholder {
     ($writer:ident;) => {
         $writer.number([0]);

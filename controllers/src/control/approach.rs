@@ -1,4 +1,5 @@
-//! Towards an object at a roughly known distance: quickly over the free part of the way, then slowly until contact.
+//! The speed of a hand that approaches an object at a roughly known distance: fast over the free part of the path, then
+//! slow until contact.
 //!
 //! The impact of the hand grows with its speed, its stiffness and the time until it stops: 7 mm/s and 50 ms are 22 N at
 //! 64 kN/m.
@@ -7,32 +8,32 @@
 
 use super::ramp::towards;
 
-/// A straight way with two speeds.
+/// A straight path with two speeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Approach {
-    /// At most (m/s).
+    /// The largest speed (m/s).
     pub fast: f64,
-    /// Over the last part (m/s).
+    /// The speed over the last part of the path (m/s).
     pub slow: f64,
-    /// The length of its fast part (m).
+    /// The length of the fast part (m).
     pub free: f64,
-    /// The whole way (m).
+    /// The length of the whole path (m).
     pub length: f64,
-    /// (m/s²).
+    /// The acceleration and the deceleration (m/s²).
     pub acceleration: f64,
 }
 
-/// A place on the way.
+/// A position on the path, and the speed there.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// (m).
+    /// The distance from the start of the path (m).
     pub travelled: f64,
-    /// (m/s).
+    /// The present speed (m/s).
     pub speed: f64,
 }
 
 impl Approach {
-    /// Returns where it is `dt` (s) later; at the end its speed is zero.
+    /// Returns the progress `dt` (s) after `at`. At the end of the path the speed is zero.
     pub fn advance(&self, at: Progress, dt: f64) -> Progress {
         let slow = self.slow.min(self.fast);
         let before = (self.free.min(self.length) - at.travelled).max(0.0);

@@ -33,9 +33,10 @@ pub fn rates_from_body(steering: &[f64; 4], wheel_radius: f64) -> SMatrix<f64, 8
     matrix
 }
 
-/// A caster that has turned by more than this since the last sample (rad) has not done so along a straight line.
+/// If a steering angle has changed by more than this since the last sample (rad), one linear step is not accurate
+/// enough.
 const BENT: f64 = 0.15;
-/// A step of a bent way (rad), and the most that are taken.
+/// The length of one step along a curved path (rad), and the largest number of steps.
 const BENT_STEP: f64 = 0.05;
 const STEPS_MAX: f64 = 64.0;
 const ITERATIONS: u32 = 8;
@@ -58,20 +59,20 @@ pub struct Odometry {
 pub struct Moved {
     /// Motion in base axes since the last step: x, y (m), yaw (rad).
     pub by: Vector3<f64>,
-    /// The largest part of an angle that no motion of a rigid base explains (rad): wheels slip when it is large, or an encoder
-    /// is wrong.
+    /// The largest part of an angle's change that no motion of a rigid base explains (rad). If it is large, a wheel
+    /// slips or an encoder is wrong.
     pub residual: f64,
 }
 
 impl Default for Odometry {
-    /// With the wheels that the maker sold.
+    /// Returns dead reckoning with the wheels that the maker sold.
     fn default() -> Self {
         Self::new(WHEEL_RADIUS)
     }
 }
 
 impl Odometry {
-    /// Returns dead reckoning from the first step on, with wheels of this radius (m).
+    /// Returns dead reckoning that starts at the first update, with wheels of this radius (m).
     pub fn new(wheel_radius: f64) -> Self {
         Self { wheel_radius, pose: Pose::zeros(), last: None }
     }
@@ -81,12 +82,13 @@ impl Odometry {
         &self.pose
     }
 
-    /// Takes encoder angles; a lost sample costs nothing, for angles are absolute.
+    /// Takes the encoder angles (rad) and returns the motion since the last call. A lost sample does not lose motion,
+    /// because the angles are absolute.
     pub fn update(&mut self, angles: &Casters) -> Moved {
         let last = self.last.replace(*angles).unwrap_or(*angles);
         let change = angles - last;
         let steering: [f64; 4] = std::array::from_fn(|i| last[i]);
-        // The middle of the step makes the linearisation second order.
+        // The steering angles in the middle of the step make the linearisation second order.
         let middle = std::array::from_fn(|i| last[i] + 0.5 * change[i]);
         let matrix = rates_from_body(&middle, self.wheel_radius);
         let mut by = least_squares(&matrix, &change);
@@ -99,8 +101,9 @@ impl Odometry {
         Moved { by, residual: left.amax() }
     }
 
-    /// Finds the motion, at a constant ratio of its parts, that changes the angles so: casters swing round within centimetres, so after a
-    /// gap of 60 ms a straight line does not tell how the base has moved. Also returns the rest of the change.
+    /// Finds the motion that explains this change of the angles, if its three parts keep a constant ratio. Casters
+    /// swing round within centimetres, so after a gap of 60 ms one linear step does not tell how the base has moved.
+    /// Also returns the part of the change that the motion does not explain.
     fn bent(&self, steering: &[f64; 4], change: &Casters, first: &Vector3<f64>) -> (Vector3<f64>, Casters) {
         let left = |by: &Vector3<f64>| change - rolled(steering, by, self.wheel_radius);
         let (mut by, mut best) = (*first, left(first));
@@ -132,7 +135,8 @@ fn least_squares(matrix: &SMatrix<f64, 8, 3>, change: &Casters) -> Vector3<f64> 
     normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&(matrix.transpose() * change)))
 }
 
-/// Returns the changes of the angles (rad) while the base moves by `by` (x, y (m), yaw (rad)), all at a constant ratio.
+/// Returns by how much the angles change (rad) while the base moves by `by` (x, y (m), yaw (rad)) and its three rates
+/// keep a constant ratio.
 fn rolled(steering: &[f64; 4], by: &Vector3<f64>, wheel_radius: f64) -> Casters {
     let reach = (by.xy().norm() + by.z.abs() * (ARM + OFFSET)) / OFFSET;
     let steps = (reach / BENT_STEP).ceil().clamp(1.0, STEPS_MAX);
@@ -169,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_circle_closes() {
-        // A full turn in 100 exact steps returns to the start but for rounding.
+        // A full turn in 100 exact steps returns to the start, except for rounding.
         let step = Vector3::new(0.01, 0.002, std::f64::consts::TAU / 100.0);
         let pose = (0..100).fold(Pose::zeros(), |pose, _| advance(&pose, &step));
         assert!(pose.xy().norm() < 1e-12);
@@ -184,7 +188,7 @@ mod tests {
             odometry.update(&casters);
             for i in 0..4096 {
                 let t = f64::from(i) * 1e-3;
-                // From rest to and fro, which turns each caster round.
+                // The base moves to and fro from rest, which turns each caster round.
                 let body = Vector3::new(0.12 * (1.6 * t).sin(), 0.05 * t.sin(), 0.1 * (0.7 * t).sin());
                 casters += rates_from_body(&std::array::from_fn(|i| casters[i]), WHEEL_RADIUS) * body * 1e-3;
                 truth = advance(&truth, &(body * 1e-3));
@@ -225,7 +229,8 @@ mod tests {
                 residual = residual.max(odometry.update(&casters).residual);
             }
         }
-        // Steering turns by up to 0.1 rad in one 8 ms step: the midpoint's error, below a millimetre over half a metre.
+        // The steering turns by up to 0.1 rad in one step of 8 ms. The midpoint's error is then below a millimetre over
+        // half a metre.
         assert!((odometry.pose() - truth).norm() < 2e-3, "{} {truth}", odometry.pose());
         assert!(residual < 0.02, "{residual}");
     }

@@ -1,7 +1,7 @@
 //! The free room around the robot, from its laser.
 //!
-//! Seen from above: the base is a disc, upper arm, forearm and wrist are capsules. Everything that a ray has met may be
-//! as high as the robot. The fingers are left out, for they are there to touch.
+//! Seen from above, the base is a disc, and upper arm, forearm and wrist are capsules. Everything that a ray has met
+//! may be as high as the robot. The fingers are left out, because they are there to touch things.
 //!
 //! Source: ours; radii after drawings of the Puma 560.
 
@@ -11,16 +11,16 @@ use super::puma560::{self, Joints};
 use crate::sdk::Random;
 use nalgebra::{Rotation2, Vector2};
 
-/// The least room around the robot (m).
+/// The least allowed clearance around the robot (m).
 pub const ROOM_MIN: f64 = 0.03;
-/// Of the base (m).
+/// The radius of the base (m).
 pub const BASE_RADIUS: f64 = 0.31;
-/// Of upper arm, forearm and wrist (m).
+/// The radii of upper arm, forearm and wrist (m).
 const RADII: [f64; 3] = [0.09, 0.07, 0.05];
-/// The number of points that may be nearer: a ray or two may be wrong.
+/// The number of nearest points that are ignored, because a ray or two may be wrong.
 const STRAYS: usize = 2;
-/// An obstacle is met by several rays side by side: of so many before and after, so many are so near (m). Single rays
-/// may be wrong.
+/// A point counts as an obstacle if, of the `BESIDE` points before it and the `BESIDE` points after it, at least
+/// `TOGETHER` are nearer to it than `NEIGHBOUR` (m). Single rays may be wrong.
 const BESIDE: usize = 3;
 const TOGETHER: usize = 2;
 const NEIGHBOUR: f64 = 0.10;
@@ -32,8 +32,8 @@ fn is_met(points: &[Vector2<f64>], index: usize) -> bool {
     near.count() >= TOGETHER
 }
 
-/// Returns the distance from the robot with its joints at `q` (rad) to the `points` (m, base axes, in the order of
-/// their rays) that are nearest; none if there are too few of them.
+/// Returns the clearance (m) between the robot, with its joints at `q` (rad), and the nearest `points` (m, base axes,
+/// in the order of their rays). The nearest few points are ignored as stray. Returns none if there are too few points.
 pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
     let [shoulder, elbow, wrist, fingers] = puma560::outline(q).map(|point| point.xy());
     let parts = [(shoulder, elbow, RADII[0]), (elbow, wrist, RADII[1]), (wrist, fingers, RADII[2])];
@@ -47,33 +47,34 @@ pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
     rooms.get(STRAYS).copied()
 }
 
-/// Points this near the shut door (m) are its leaf and its wall, which every later sweep shows.
+/// Points this near the plane of the shut door (m) belong to its leaf and its wall, which every later sweep shows
+/// again.
 const DOOR: f64 = 0.10;
 
-/// Points this near a line are a wall (m), and the number of walls to search for.
+/// The greatest distance of a wall's points from its line (m), and the number of walls to search for.
 const TOLERANCE: f64 = 0.02;
 const WALLS: u32 = 4;
-/// From the middle of the base to its laser, straight ahead (m). A point lies to the side if its distance sideways is
-/// at least this multiple of its distance ahead.
+/// The distance from the middle of the base to its laser, straight ahead (m). A point lies beside the laser if its
+/// distance sideways is more than `BESIDE_LASER` times its distance ahead of the laser.
 const LASER: f64 = 0.30;
 const BESIDE_LASER: f64 = 4.0;
-/// The share of a wall's direction along the robot from which it counts as going back.
+/// A wall leads backwards if the x component of its direction (a unit vector, base axes) is larger than this.
 const GOES_BACK: f64 = 0.5;
-/// A wall that goes on out of sight is extended in so many steps of that length (m).
+/// A wall that continues out of sight is extended by `GOES_ON` steps of the length `STEP` (m).
 const GOES_ON: u32 = 60;
 const STEP: f64 = 0.03;
 
-/// The room as a sweep showed it before the door moved. A base that backs away does not see the walls behind it and to
-/// its sides.
+/// The walls around the robot, as a sweep showed them before the door moved. A base that backs away does not see the
+/// walls behind it and to its sides.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Memory {
-    /// (m, odometry axes).
+    /// The remembered points (m, odometry frame).
     points: Option<Vec<Vector2<f64>>>,
 }
 
 impl Memory {
-    /// Takes a sweep (m, base axes) from a base at `at` before a shut door, whose leaf faces along `normal` at a
-    /// `distance` (m); only the first one counts.
+    /// Takes a sweep (m, base axes) from a base at `at` (odometry frame) before a shut door. The leaf is the line with
+    /// this `normal` and this `distance` (m) from the base. Only the first sweep is remembered.
     pub fn remember(&mut self, points: &[Vector2<f64>], normal: &Vector2<f64>, distance: f64, at: &Pose) {
         if self.points.is_some() {
             return;
@@ -94,7 +95,8 @@ impl Memory {
     }
 }
 
-/// Returns points (m) of the walls that leave the field of view beside the laser: they are assumed to continue.
+/// Returns points (m) on the continuation of each wall that leaves the field of view beside the laser. Such a wall is
+/// assumed to continue.
 pub fn going_on(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     let (mut left, mut random, mut added) = (points.to_vec(), Random::new(1), Vec::new());
     for _ in 0..WALLS {
@@ -112,7 +114,7 @@ pub fn going_on(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     added
 }
 
-/// From a point to a stretch (m).
+/// The distance from a point to the straight stretch between `from` and `to` (m).
 pub(super) fn beside(point: &Vector2<f64>, from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
     let along = to - from;
     let share = ((point - from).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
@@ -127,11 +129,11 @@ mod tests {
     fn a_wall_is_as_far_as_it_is() {
         let q = puma560::door_posture();
         let hand = puma560::forward(&q).base_from_tool.translation.vector;
-        // A wall ahead: the wrist ends 10 cm before the grasp point, and is 5 cm thick.
+        // A wall ahead: the wrist ends 10 cm before the grasp point, and has a radius of 5 cm.
         let wall: Vec<_> = (-100..100).map(|i| Vector2::new(hand.x + 0.15, 0.005 * f64::from(i))).collect();
         let room = clearance(&wall, &q).unwrap();
         assert!((room - (0.15 + 0.10 - 0.05)).abs() < 1e-3, "{room}");
-        // One to the right of the base, and two stray points in the middle of it.
+        // A wall to the right of the base, and two stray points inside the base.
         let mut wall: Vec<_> = (0..100).map(|i| Vector2::new(0.3 + 0.005 * f64::from(i), -0.55)).collect();
         let room = clearance(&wall, &q).unwrap();
         assert!((room - (0.3f64.hypot(0.55) - BASE_RADIUS)).abs() < 6e-3, "{room}");
@@ -154,11 +156,11 @@ mod tests {
         let mut memory = Memory::default();
         memory.remember(&points, &Vector2::x(), 1.5, &Pose::new(1.0, 2.0, 0.0));
         memory.remember(&[], &Vector2::x(), 1.5, &Pose::zeros());
-        // The base has turned its back on it; of the door itself nothing is left.
+        // The base has turned away from the wall. No points of the door itself are remembered.
         let around = memory.around(&Pose::new(1.6, 2.4, -1.0));
         let room = clearance(&around, &q).unwrap();
         assert!(around.len() == 160 && (room - (0.4 - BASE_RADIUS)).abs() < 1e-3, "{room}");
-        // It continues beside and behind the visible part.
+        // The wall continues beside and behind its visible part.
         let room = clearance(&memory.around(&Pose::new(0.5, 2.4, 0.0)), &q).unwrap();
         assert!((room - (0.4 - BASE_RADIUS)).abs() < 2e-3, "{room}");
     }

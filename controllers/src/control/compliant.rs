@@ -1,11 +1,11 @@
 //! Compliance: the hand gives way to the force that it feels.
 //!
-//! An admittance without inertia, so a force loop of one integrator and a delay: it is stable while
+//! The law is an admittance without inertia, so the force loop has one integrator and a delay. The loop is stable while
 //! `stiffness · gain · delay < pi/2`, and calm below 0.6, the budget. With the fingers' 6000 N/m and a delay of 35 ms
 //! the gain may be 1/350 m/s/N. A stiffer hand or a slower network needs a smaller gain, and neither is known in
 //! advance. So the gain is 1/2000 for quick changes of the force. A constant force is not an oscillation, so the hand
-//! gives way to it with up to 1/600. A measured delay caps both gains: this is the force loop's budget. A stiffer grasp
-//! oscillates, and [`super::oscillation`] reduces the gain.
+//! gives way to it with up to 1/600. The measured delay caps both gains, so that they keep the budget. If a stiffer
+//! grasp oscillates, [`super::oscillation`] reduces the gain.
 //!
 //! Source: Whitney, "Force feedback control of manipulator fine motions", J. Dynamic Systems 99, 1977 (damping
 //! control); the bound is that of an integrator with a delay, Åström and Murray, "Feedback Systems", 2008, section 9.4.
@@ -14,74 +14,76 @@ use super::filter::LowPass;
 use super::oscillation::OscillationGuard;
 use nalgebra::{Vector3, Vector6};
 
-/// The resistance to the hand's giving way (N s/m), for forces that change.
+/// The inverse of the gain (N s/m) for a force that changes.
 pub const ACROSS: f64 = 2000.0;
-/// The same for forces that stay.
+/// The inverse of the gain (N s/m) for a force that stays.
 const ACROSS_SLOW: f64 = 600.0;
-/// A force that has stayed counts from here on, and wholly from there on (N).
+/// A force that stays raises the gain from the first value on (N). From the second value on, the gain is
+/// 1/`ACROSS_SLOW`.
 const STAYS: (f64, f64) = (15.0, 35.0);
 /// The frequency below which a force counts as constant (Hz).
 const SLOW: f64 = 2.0;
 const UP: f64 = 2000.0;
 const TURN: f64 = 0.12;
-/// A hand that presses a lever does not give way upwards to less than this (N).
+/// A hand that presses a lever gives way vertically only to the part of the force beyond this (N).
 const HOLD: f64 = 48.0;
-/// The cosine of a roll that no lever asks for.
+/// No lever makes the hand roll so far that the cosine of the roll is less than this.
 const ROLLED: f64 = 0.4;
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.5;
-/// The stiffness that the budget is made for (N/m): that of fingers on a lever.
+/// The stiffness that the budget assumes (N/m): the stiffness of fingers on a lever.
 pub const STIFFNESS: f64 = 6000.0;
-/// `stiffness · gain · delay` at most.
+/// The largest allowed `stiffness · gain · delay` (N/m · m/s/N · s, so without a unit).
 pub const BUDGET: f64 = 0.6;
-/// Beyond this delay (s) even the smallest useful gain is too much, and the loop refuses.
+/// With a longer delay (s) even the smallest useful gain is too large, and the laws refuse to work.
 pub const DELAY_MAX: f64 = 0.40;
 
-/// The direction in which another law leads the hand; compliance leaves it alone. Unit vectors in tool axes.
+/// The direction in which another law leads the hand; compliance does not move the hand along it. Unit vectors in tool
+/// axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guide {
-    /// The way the hand is led.
+    /// The direction in which the hand is led, a unit vector.
     pub tangent_in_tool: Vector3<f64>,
-    /// The vertical, upwards.
+    /// The vertical, upwards, a unit vector.
     pub up_in_tool: Vector3<f64>,
-    /// The hand may give way upwards and downwards.
+    /// Whether the hand may give way upwards and downwards.
     pub upward: bool,
-    /// Another law turns the hand about the vertical, so compliance leaves this turn alone.
+    /// Whether another law turns the hand about the vertical. Then compliance does not.
     pub turned: bool,
 }
 
 impl Guide {
-    /// Across the way, level, to its left (a unit vector, tool axes).
+    /// The horizontal direction across the path, to its left (a unit vector, tool axes).
     fn across(&self) -> Vector3<f64> {
         self.up_in_tool.cross(&self.tangent_in_tool)
     }
 
-    /// Returns the vector whose product with a force is the part of it that counts across. A lever that is pressed
-    /// pushes back along its arc, at 45 degrees as much sideways as upwards. The hand has rolled with it, so only a
-    /// force along the hand's own x axis strains it; of that the level part counts.
+    /// Returns the vector whose scalar product with a force is the force that counts across the path. A pressed lever
+    /// pushes back along its arc, at 45 degrees as much sideways as upwards. The hand has rolled with the lever, so
+    /// only a force along the hand's own x axis is a strain. The horizontal force that has this x component counts.
     pub fn felt(&self) -> Vector3<f64> {
         let across = self.across();
         if self.upward || across.x.abs() < ROLLED { across } else { Vector3::x() / across.x }
     }
 }
 
-/// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl,
-/// AddVelocity, RedundancyResolution, Puma560Ctrl, arm; and those until the law.
+/// The number of hops in the whole force loop, and the number of hops before the law. The door specs wire the loop:
+/// sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl, AddVelocity, RedundancyResolution, Puma560Ctrl, arm.
 const HOPS: (f64, f64) = (6.0, 2.0);
-/// The delay of the force loop besides its hops: the drives' lag, and half a period (s).
+/// The delay of the force loop in addition to its hops: the drives' lag, and half a period (s).
 const LAG: f64 = 0.035;
 
-/// Returns the delay of the whole force loop (s) for a law whose wrench is so old (s) when it arrives: every hop is
-/// taken to be as slow as those until the law.
+/// Returns the delay of the whole force loop (s) for a law whose wrench is `age` (s) old when it arrives. Each hop is
+/// assumed to be as slow as the hops before the law.
 pub fn loop_delay(age: f64) -> f64 {
     LAG + age * HOPS.0 / HOPS.1
 }
 
-/// A hand that gives way.
+/// The state of a hand that gives way to forces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compliance {
     slow: LowPass<3>,
-    /// The recent size of forces, in any direction.
+    /// The recent magnitude of the force, in any direction.
     size: LowPass<1>,
     guard: OscillationGuard,
 }
@@ -92,14 +94,15 @@ impl Default for Compliance {
     }
 }
 
-/// Returns the largest gain (m/s/N) for a loop with this `delay` (s).
+/// Returns the largest gain (m/s/N) that keeps the budget in a loop with this `delay` (s).
 pub fn gain_max(delay: f64) -> f64 {
     BUDGET / (STIFFNESS * delay.max(1e-3))
 }
 
 impl Compliance {
     /// Returns the velocity (m/s, rad/s, tool axes) that gives way to `wrench_in_tool` (N, Nm, on the hand), `dt` (s)
-    /// after the last call: in every direction, or only across the guide's. `delay` (s) is that of the loop.
+    /// after the last call. Without a `guide` the hand gives way in every direction, with a guide only across the
+    /// guide's direction. `delay` (s) is the delay of the force loop.
     pub fn update(
         &mut self,
         wrench_in_tool: &Vector6<f64>,
@@ -113,7 +116,7 @@ impl Compliance {
         let [size] = self.size.update(&[force.norm()], dt);
         let (cap, share) = (gain_max(delay), self.guard.update(&force, dt));
         let gain = |slow: f64| {
-            // Of a force that swings to and fro less than half is left on average.
+            // A force that swings to and fro averages to less than half of its magnitude.
             let stays = ((2.0 * slow.abs() - size - STAYS.0) / (STAYS.1 - STAYS.0)).clamp(0.0, 1.0);
             (1.0 / ACROSS + stays * (1.0 / ACROSS_SLOW - 1.0 / ACROSS)).min(cap) * share
         };
@@ -155,7 +158,7 @@ mod tests {
         let first = hand.update(&force, None, QUICK, 0.008).x;
         let later = (0..100).map(|_| hand.update(&force, None, QUICK, 0.008).x).last().unwrap();
         assert!((first - 0.02).abs() < 1e-3 && (later - 40.0 / 600.0).abs() < 1e-3, "{first} {later}");
-        // A trembling hand is not eased.
+        // A force that swings to and fro does not raise the gain.
         let mut hand = Compliance::default();
         let swing = |i: u32| Vector6::new(if i % 12 < 6 { 40.0 } else { -40.0 }, 0.0, 0.0, 0.0, 0.0, 0.0);
         let most = (0..200).map(|i| hand.update(&swing(i), None, QUICK, 0.008).x.abs()).fold(0.0, f64::max);
@@ -171,7 +174,7 @@ mod tests {
 
     #[test]
     fn a_lever_that_pushes_back_along_its_arc_is_no_strain() {
-        // The hand has rolled by 40 degrees with the lever; up is world's.
+        // The hand has rolled by 40 degrees with the lever; `up_in_tool` is the vertical of the world.
         let (s, c) = 40f64.to_radians().sin_cos();
         let up_in_tool = Vector3::new(s, c, 0.0);
         let guide = Guide { tangent_in_tool: -Vector3::z(), up_in_tool, upward: false, turned: false };
@@ -192,7 +195,8 @@ mod tests {
         assert!((v - Vector6::new(0.0, 0.0, 0.0, 0.12, 0.0, 0.06)).norm() < 1e-12, "{v}");
     }
 
-    /// A wall of a stiffness (N/m) behind a loop with a delay (s): the largest force of the last second (N).
+    /// Returns the largest force in the last second (N) of a hand at a wall with this stiffness (N/m), in a loop with
+    /// this delay (s).
     fn late_force(stiffness: f64, delay: f64) -> f64 {
         let (dt, steps) = (0.004, 2000);
         let late = (0..1000).take_while(|steps| f64::from(*steps) * dt < delay).count();

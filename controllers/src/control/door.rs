@@ -1,18 +1,19 @@
 //! Opening a door about a hinge whose position is estimated during the opening.
 //!
-//! The hand moves along the path of the handle that [`super::hinge`] estimates, and turns with the door. The pull is
-//! limited by force: it fades from 25 N and is gone at 50 N, so the hand leans on a door that does not move and does
-//! not tear at it. The limit rises slowly up to 70 N, because a strong closer needs that. The pull fades by the slow
-//! part of the force: its slope, 0.12 m/s over 25 N, is ten times the gain that a stiff grasp and a delay allow (see
-//! [`super::compliant`]). The quick part only damps, by that gain. A force beyond the largest pull makes the pull fade
-//! at once. Unless the direction is given, a door that does not move under a gentle pull is pushed gently, then both
-//! are repeated harder. A door that moves in neither direction is locked.
+//! The hand moves along the path of the handle that [`super::hinge`] estimates, and turns with the door. The force
+//! limits the pull: the speed fades from 25 N on and is zero at 50 N. So the hand leans on a door that does not move,
+//! and does not tear at it. The limit of 50 N rises slowly up to 70 N, because a strong closer needs that. Only the
+//! slow part of the force makes the speed fade: the slope of this fade, 0.12 m/s over 25 N, is ten times the gain that
+//! a stiff grasp and a delay allow (see [`super::compliant`]). The quick part of the force only damps the motion, with
+//! that gain. A force beyond the largest pull makes the speed fade at once. Unless the direction is given, the hand
+//! first pulls gently, then pushes gently, and then repeats both with more force. A door that moves in neither
+//! direction is locked.
 //!
-//! A door that is pushed takes the hand with it into the opening, so the hand does not stay square to the leaf: as soon
-//! as the latch is free it lets the lever up, and then turns about it as [`super::swivel`] says.
+//! A hand that pushes a door follows it into the opening, so it cannot stay square to the leaf. As soon as the latch is
+//! free, the hand lets the lever up. Then it turns about the lever as [`super::swivel`] says.
 //!
-//! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]; the law is that of
-//! [`super::hinge`]'s source: tangential velocity, compliance across, the estimate on line.
+//! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]. The law is the one in the
+//! source of [`super::hinge`]: tangential velocity, compliance across, and an estimate during the motion.
 
 use super::compliant::{ACROSS, Guide, gain_max};
 use super::filter::LowPass;
@@ -28,61 +29,64 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// Speed of the handle (m/s).
 pub const SPEED: f64 = 0.12;
-/// The rate at which a door is leant on harder (N/s).
+/// The rate at which the largest pull grows (N/s).
 const LEAN: f64 = 15.0;
-/// The same for a door that is pushed, once it goes and slows the hand down, up to that force (N/s, N).
+/// The same rate for a pushed door that moves but slows the hand down (N/s), up to `PUSH_EASY` (N).
 const LEAN_SLOWLY: f64 = 4.0;
 const PUSH_EASY: f64 = 58.0;
 const PULL_FADE: f64 = 25.0;
 /// The frequency below which a part of the pull counts as slow (Hz).
 const PULL_SLOW: f64 = 0.3;
-/// The range of the pull, relative to the largest (N), in which the hand gives way to a sudden pull, however quickly it
-/// comes: from the first value below to the second value above.
+/// A sudden pull slows the hand down, however short it is: from the first value below the largest pull on, until the
+/// hand stops at the second value above it (N). `SUDDEN_FIRST` holds until the door has moved.
 const SUDDEN: (f64, f64) = (5.0, 15.0);
 const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
-/// A grasp gives by no more than the first value and is never taken for stiffer than the second (m/N). A measured
-/// compliance is multiplied by `SOFTER`.
+/// The assumed compliance of the grasp is at most the first value and at least the second (m/N). A measured compliance
+/// is multiplied by `SOFTER`.
 const SOFT: (f64, f64) = (1.0 / 3000.0, 1.0 / 20_000.0);
 const SOFTER: f64 = 1.3;
-/// The force from which the softness is measured (N).
+/// The compliance is measured only if the grasp was strained by more than this force (N).
 const SOFT_FROM: f64 = 20.0;
-/// (Hz).
+/// The frequency up to which the pull counts for the strain of the grasp (Hz).
 const PULL_QUICK: f64 = 6.0;
-/// The wheels are believed up to this much beyond the commanded motion of the hand (m/s).
+/// The measured speed of the hand counts only up to this much beyond the commanded speed (m/s), because wheels may
+/// slip.
 const BELIEVED: f64 = 0.02;
 /// An attempt is the better one if it has moved the door by this much more than the other direction (m).
 const BETTER: f64 = 0.005;
-/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds
-/// up (m/s²).
+/// The hand does not tear at a door that may be locked: its first speed (m/s), and the distance of the handle up to
+/// which this speed holds (m). `ACCELERATION` is the change of the speed (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
 const ACCELERATION: f64 = 0.12;
 const RAMP: f64 = 1.0;
-/// A pull this far below the largest does not move the door (N).
+/// A door counts as stalled if the slow pull is within this of the largest pull (N) and the hand stands still.
 const STALL_PULL: f64 = 12.0;
 const STALL_SPEED: f64 = 0.02;
-/// The share of its allowed speed below which a hand that may not go fast yet counts as standing still.
+/// `STALL_SPEED` is scaled by the allowed speed of the hand, but by no less than this factor.
 const CREEP: f64 = 0.25;
 const STALL_TIME: f64 = 0.5;
 /// The lever stays pressed until the handle has gone this far (m): the latch is free by then.
 const LEVER_FREE: f64 = 0.085;
 /// A leaf at this angle from the wall is certainly open (rad).
 const SEEN: f64 = 0.12;
-/// A handle that has not moved this far was never free (m). A door that was pushed is not pulled shut again.
+/// The door counts as moved once the handle has moved further than this (m), when pulled and when pushed. A door that
+/// was pushed is not pulled shut again.
 const MOVED: f64 = 0.03;
 const MOVED_PUSHED: f64 = 0.015;
-/// The first attempt begins without strain in the other direction.
+/// The same for the first pull, which begins without strain from an attempt in the other direction.
 const MOVED_FIRST: f64 = 0.015;
-/// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up
-/// (m, m/s).
+/// A pushed door has left its latch when the handle has moved this far (m). Then the hand pushes at `LIFT_SPEED` (m/s)
+/// until the lever is up.
 const UNLATCHED: f64 = 0.025;
 const LIFT_SPEED: f64 = 0.012;
-/// The speed at which a handle is pushed (m/s): the base has to get out of the way of the jambs in that time.
+/// The speed at which a handle is pushed (m/s). It is lower than `SPEED`, because the base has to get clear of the
+/// jambs in the meantime.
 const PUSH_SPEED: f64 = 0.09;
 
-/// The places of hand and base.
+/// The pose of the hand and the position of the base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Posture {
-    /// The hand.
+    /// The pose of the hand, in the odometry frame (m).
     pub odometry_from_tool: Isometry3<f64>,
     /// The middle of the base, in the odometry frame (m).
     pub base: Vector2<f64>,
@@ -141,13 +145,14 @@ pub struct Pull {
     pub twist_in_tool: Vector6<f64>,
     /// The guide for compliance across the path.
     pub guide: Guide,
-    /// Of the base, as far as the hand does not notice (m/s, odometry axes).
+    /// Extra velocity of the base that does not move the hand (m/s, odometry axes).
     pub base: Vector2<f64>,
     /// The estimated angle of the door (rad).
     pub angle: f64,
-    /// The slow part of the pull, where it is gone (N), and how much everything is slowed down, at most 1.
+    /// The slow part of the pull (N), the pull at which the hand stops (N), and the factor that slows all motion down,
+    /// at most 1.
     pub effort: [f64; 3],
-    /// The reason why it cannot continue.
+    /// The reason why the opening cannot continue, if there is one.
     pub failure: Option<Failure>,
 }
 
@@ -161,8 +166,8 @@ pub enum Failure {
 }
 
 impl Opening {
-    /// Begins with the hand holding a lever that is pressed and points to the hinge, which should be about `radius` (m)
-    /// away. The hand faces the door; it has rolled with the lever, so the side that is down is the lever's.
+    /// Begins with a hand that holds a pressed lever. The lever points to the hinge, which is about `radius` (m) away.
+    /// The hand faces the door. It has rolled with the lever, so the lever is on the side of the hand that is down.
     pub fn new(posture: &Posture, radius: f64, opens: Opens) -> Self {
         let start = posture.stance();
         let hand = posture.odometry_from_tool.rotation * Vector3::x();
@@ -217,12 +222,12 @@ impl Opening {
         self.left
     }
 
-    /// Returns from where the handle was at first to where it is (m), by arm and wheels.
+    /// Returns the distance from the first place of the handle to the present one (m), measured by arm and wheels.
     pub fn way(&self) -> f64 {
         (self.last.hand - self.start.hand).norm()
     }
 
-    /// Returns whether it pushes.
+    /// Returns whether the hand pushes the door.
     pub fn pushes(&self) -> bool {
         self.swing() == Swing::Push
     }
@@ -239,9 +244,9 @@ impl Opening {
         self.trying.0
     }
 
-    /// Takes the observed angle of the leaf against the wall (rad, counter-clockwise): a leaf on the other side
-    /// corrects the sign that the hand's roll suggested. Also takes the observed distance of the hinge (m), if there is
-    /// one.
+    /// Takes the observed angle between leaf and wall (rad, counter-clockwise). If the leaf is on the other side than
+    /// the hand's roll suggested, the side of the hinge is corrected. Also takes the observed distance of the hinge
+    /// (m), if it is known.
     pub fn see(&mut self, leaf: f64, radius: Option<f64>) {
         self.seen = Some(leaf);
         if let Some(radius) = radius.filter(|_| self.pushes()) {
@@ -253,8 +258,8 @@ impl Opening {
         }
     }
 
-    /// Takes the posture and the wrench on the hand (N, Nm, tool axes), `dt` (s) after the last call; `delay` (s) is
-    /// that of the force loop; `pace`, at most 1, slows everything down.
+    /// Takes the posture and the wrench on the hand (N, Nm, tool axes), `dt` (s) after the last call. `delay` (s) is
+    /// the delay of the force loop; `pace`, at most 1, slows all motion down.
     pub fn update(&mut self, posture: &Posture, wrench: &Vector6<f64>, pace: f64, delay: f64, dt: f64) -> Pull {
         let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         let torque: Vector3<f64> = wrench.fixed_rows::<3>(3).into();
@@ -264,7 +269,8 @@ impl Opening {
         let turned = self.last.ahead.perp(&stance.ahead);
         self.last = stance;
         let turn = self.turn(&stance, &posture.odometry_from_tool.rotation);
-        // A loop that may give way less has to go more slowly, or it meets the same error with more force.
+        // If the guard has reduced the gain, the hand has to move more slowly. Otherwise the same error would cause a
+        // larger force.
         let share = self.guard.update(&force, dt);
         let pace = pace.min(share) * turn.pace;
         self.time += dt * pace;
@@ -317,9 +323,9 @@ impl Opening {
         }
     }
 
-    /// The path of the handle (m) with a hand that moves at a `speed` (m/s), was commanded to move `along`, and pulls
-    /// with `pull` (N). The wheels' motion counts only as far as the hand can have moved. Until the door has certainly
-    /// moved, the possible give of the grasp does not count either.
+    /// Returns how far the handle has moved since the last call (m). The hand moves at `speed` (m/s), was commanded to
+    /// move at `along` (m/s), and pulls with `pull` (N). The wheels' motion counts only as far as the hand can have
+    /// moved. Until the door has certainly moved, the possible give of the grasp is subtracted as well.
     fn moved(&mut self, speed: f64, along: f64, pull: f64, dt: f64) -> f64 {
         let side = if self.pushes() { -1.0 } else { 1.0 };
         let [quick] = self.quick.update(&[side * pull], dt);
@@ -331,7 +337,7 @@ impl Opening {
         (self.tried - strained.max(0.0) * self.soft - self.travelled).max(0.0)
     }
 
-    /// The turn of a hand that pushes about the lever, once it may.
+    /// The turn of a pushing hand about the lever. Until the lever is nearly up, the hand does not turn.
     fn turn(&self, stance: &Stance, rotation: &UnitQuaternion<f64>) -> Turn {
         let turn = Swivel::new(&self.start, self.left).turn(stance, self.hinge.beside(), self.hinge.radius());
         match self.swing() {
@@ -340,13 +346,13 @@ impl Opening {
         }
     }
 
-    /// The way of the handle after which the latch is free (m).
+    /// How far the handle has to move until the latch is free (m).
     fn free_at(&self) -> f64 {
         if self.swing() == Swing::Pull { LEVER_FREE } else { UNLATCHED }
     }
 
-    /// The speed of the hand upwards (m/s) and its roll (rad/s): it keeps the lever down while the latch may catch, and
-    /// lets it up where it has to turn about it.
+    /// Returns the speed of the hand upwards (m/s) and its roll (rad/s). The hand keeps the lever down while the latch
+    /// may catch. A hand that pushes then lets the lever up, because it has to turn about it.
     fn lift(&mut self, odometry_from_tool: &Isometry3<f64>, upward: f64, dt: f64) -> (f64, f64) {
         if self.travelled < self.free_at() {
             return (self.lever.hold(odometry_from_tool.translation.z, upward, dt), 0.0);
@@ -355,7 +361,7 @@ impl Opening {
         rise.flatten().unwrap_or_default()
     }
 
-    /// Returns whether the door has moved the way it is tried.
+    /// Returns whether the door has moved in the direction of the current attempt.
     fn has_come(&self) -> bool {
         let enough = match self.swing() {
             Swing::Push => MOVED_PUSHED,
@@ -374,15 +380,16 @@ impl Opening {
         }
     }
 
-    /// The pulls at which the hand stops now and finally (N), with a force `beside` the path (N).
+    /// Returns the pull at which the hand stops now, and the pull at which it finally stops (N). `beside` is the force
+    /// across the path (N).
     fn limits(&mut self, beside: f64, dt: f64) -> (f64, f64) {
         let [beside] = self.beside.update(&[beside.min(TOTAL_MAX)], dt);
-        // A door that has come is the right way.
+        // A door that has moved shows that the direction is right.
         let Attempt { pull: hardest, total } = if self.has_come() { HARD } else { self.trying.1 };
         (self.pull_max.min((total.powi(2) - beside.min(total).powi(2)).sqrt()), hardest)
     }
 
-    /// Leans harder on a door that does not move, and counts for how long that is of no use.
+    /// Raises the largest pull for a door that does not move, and adds up the time for which this does not help.
     fn lean(&mut self, slow_pull: f64, still: bool, most: f64, hardest: f64, dt: f64) {
         if self.has_come() && self.pull_max < PULL_MAX.0 {
             self.pull_max = (self.pull_max + LEAN * dt).min(PULL_MAX.0);
@@ -404,7 +411,7 @@ impl Opening {
             return None;
         }
         let is_last = self.left_to_try.is_empty();
-        // A grasp that slides, or wheels that slip, have not moved the leaf.
+        // A sliding grasp or slipping wheels can look like a moving door; the observed angle of the leaf decides.
         let leaf = self.seen.map(|leaf| leaf * self.sense());
         let came = self.has_come() && leaf.is_none_or(|leaf| leaf > 0.5 * self.travelled * self.hinge.curvature());
         if came || is_last {
@@ -414,7 +421,7 @@ impl Opening {
         None
     }
 
-    /// Begins the next try.
+    /// Begins the next attempt.
     fn try_next(&mut self) {
         let side = if self.pushes() { -1.0 } else { 1.0 };
         let [pull] = self.quick.update(&[0.0], 0.0);
@@ -445,7 +452,7 @@ impl Opening {
 mod tests {
     use super::*;
 
-    /// The hand before a door: z ahead into it, x (the lever) to the left or right along it.
+    /// A hand before a door: its z axis points into the door, and its x axis, the lever, to the left or right along it.
     fn hand(at: Vector2<f64>, yaw: f64, lever_left: bool) -> Isometry3<f64> {
         let ahead = Vector3::new(yaw.cos(), yaw.sin(), 0.0);
         let left = Vector3::z().cross(&ahead);
@@ -455,7 +462,7 @@ mod tests {
         Isometry3::from_parts(Vector3::new(at.x, at.y, 1.0).into(), rotation)
     }
 
-    /// With its base 0.8 m behind it.
+    /// The posture of this hand, with its base 0.8 m behind it.
     fn standing(hand: &Isometry3<f64>) -> Posture {
         let base = hand.translation.vector - hand.rotation * Vector3::z() * 0.8;
         Posture { odometry_from_tool: *hand, base: base.xy() }
@@ -497,14 +504,14 @@ mod tests {
             pushed = opening.sense() > 0.0;
             pull.failure.map(|failure| (at, failure))
         });
-        // Six times a second of ramp and half a second without motion, and the time to lean 5 N and twice 20 N harder
-        // at 15 N/s.
+        // Each of six attempts has one second of ramp and half a second without motion. In addition there is the time
+        // to lean 5 N harder, and twice 20 N harder, at 15 N/s.
         assert!(failed.is_some_and(|(at, _)| (1150..1250).contains(&at)), "{failed:?}");
         assert_eq!(failed.map(|(_, failure)| failure), Some(Failure::Locked));
     }
 
-    /// A hand on a grasp of a stiffness (N/m), before a door that goes when it is pushed with `moves` (N) or more.
-    /// Returns why it fails, if it does within 20 s, and the largest pull and push (N).
+    /// A hand whose grasp has this stiffness (N/m), before a door that moves when it is pushed with `moves` (N) or
+    /// more. Returns the failure, if there is one within 20 s, and the largest pull and push (N).
     fn strained(stiffness: f64, moves: f64) -> (Option<Failure>, f64, f64) {
         let mut opening = Opening::new(&standing(&hand(Vector2::zeros(), 0.0, true)), 0.7, Opens::Either);
         let (mut at, mut handle, mut pulled, mut pushed) = (0.0, 0.0f64, 0.0f64, 0.0f64);
@@ -523,7 +530,8 @@ mod tests {
         (None, pulled, pushed)
     }
 
-    /// The give of the fingers is not taken for a door that comes: soft ones give by 20 mm and more each way.
+    /// The give of the fingers must not count as a motion of the door: soft fingers give by 20 mm and more in each
+    /// direction.
     #[test]
     fn a_door_to_push_is_not_pulled_harder_than_it_takes_to_find_out() {
         for stiffness in [3000.0, 6000.0, 16_000.0] {
@@ -550,7 +558,7 @@ mod tests {
     fn a_hand_that_has_rolled_with_the_lever_knows_its_side() {
         for (lever_left, x_left) in [(true, true), (true, false), (false, true), (false, false)] {
             let level = hand(Vector2::zeros(), 0.0, x_left);
-            // The lever's side goes down, about the approach.
+            // The hand rolls about its approach, so that the lever's side goes down.
             let down = if lever_left { -0.6 } else { 0.6 };
             let roll = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), down);
             let sense = Opening::new(&standing(&(roll * level)), 0.7, Opens::Either).sense();

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector6;
 
-/// First-order low-pass for uneven steps.
+/// A first-order low-pass filter for steps of different lengths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass<const N: usize> {
     cutoff: f64,
@@ -25,12 +25,11 @@ impl<const N: usize> LowPass<N> {
     }
 }
 
-/// A force that is so far from the previous one (N) is a spike of the sensor, unless the next one confirms it. In 8 ms
-/// a hand at 18 mm/s presses 64 kN/m by 9 N.
+/// A force that differs by more than this from the previous one (N) is a spike of the sensor, unless the next sample
+/// confirms it. For comparison: a hand at 18 mm/s against 64 kN/m raises the force by 9 N in 8 ms.
 const JUMP: f64 = 15.0;
 
-/// Leaves out single wrong readings of a force sensor: the previous one counts in their place. A true jump is told one
-/// sample late.
+/// Replaces single wrong readings of a force sensor by the previous reading. A true jump is reported one sample late.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Despike {
     last: Option<Vector6<f64>>,
@@ -48,13 +47,13 @@ impl Despike {
         self.last.unwrap_or(*wrench)
     }
 
-    /// Returns the wrench that counted last; none at first.
+    /// Returns the last accepted wrench (N, Nm); none before the first wrench.
     pub fn last(&self) -> Option<Vector6<f64>> {
         self.last
     }
 }
 
-/// Says yes after enough yeses in a row.
+/// Accepts a condition once it has been true often enough in a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Debounce {
     needed: u32,
@@ -62,18 +61,18 @@ pub struct Debounce {
 }
 
 impl Debounce {
-    /// Returns a debounce that needs `needed` yeses in a row.
+    /// Returns a filter that needs `needed` true values in a row.
     pub const fn new(needed: u32) -> Self {
         Self { needed, seen: 0 }
     }
 
-    /// Takes one answer; returns whether there were enough yeses in a row.
+    /// Takes one value; returns whether there were enough true values in a row.
     pub fn update(&mut self, yes: bool) -> bool {
         self.seen = if yes { self.seen.saturating_add(1) } else { 0 };
         self.is_sure()
     }
 
-    /// Returns whether the last answers were enough yeses in a row.
+    /// Returns whether the last values were enough true values in a row.
     pub fn is_sure(&self) -> bool {
         self.seen >= self.needed
     }

@@ -1,17 +1,19 @@
-//! Whether joints follow their commands: an encoder that sticks says that they do not, and a joint that is held does not.
+//! Detects joints that do not follow their commands: the encoder sticks, or something holds the joint.
 //!
-//! Commands and measurements are compared over about a second, the commands as late as drives are. A joint that is told to
-//! move by 0.1 rad/s is found out within 0.8 s.
+//! Commands and measurements are compared over about a second. The commands are first delayed by the lag of a drive. A
+//! joint that is commanded to move at 0.1 rad/s and does not move is found within about 0.8 s.
 //!
 //! Source: ours; residuals against a model of the drive, Isermann, "Fault-Diagnosis Systems", 2006, chapter 10.
 
 use super::puma560::Joints;
 
-/// The time over which both are compared, the lag of a drive, and how long they have to differ (s).
+/// The time over which command and measurement are compared, the lag of a drive, and the time for which they have to
+/// differ (s).
 const MEMORY: f64 = 1.0;
 const LAG: f64 = 0.12;
 const SURE: f64 = 0.15;
-/// A joint does not follow if it was commanded to move this far (rad) and has moved less than this share.
+/// A joint does not follow if it was commanded to move further than `TOLD` (rad) and has moved less than the share
+/// `SHARE` of that.
 const TOLD: f64 = 0.04;
 const SHARE: f64 = 0.1;
 
@@ -26,7 +28,8 @@ pub struct Follow {
 }
 
 impl Follow {
-    /// Takes a command (rad/s) and the angles (rad), `dt` (s) after the last call. Returns a joint that does not follow, from 1.
+    /// Takes a command (rad/s) and the angles (rad), `dt` (s) after the last call. Returns the number of a joint that
+    /// does not follow, counted from 1.
     pub fn update(&mut self, command: &Joints, angles: &Joints, dt: f64) -> Option<usize> {
         let last = self.last.replace(*angles).unwrap_or(*angles);
         let keep = (1.0 - dt / MEMORY).max(0.0);
@@ -48,8 +51,8 @@ mod tests {
 
     const DT: f64 = 0.01;
 
-    /// Joints with a lag and a delay in steps that are commanded to move at `rate` (rad/s) at times, and stick from a
-    /// time on (s): the time at which that is noticed (s).
+    /// A joint with a `lag` (s) and a delay of some steps is commanded to move at `rate` (rad/s). The joint's encoder
+    /// sticks from the time `sticks` on (s). Returns how long after that the law notices this (s), and for which joint.
     fn noticed(rate: impl Fn(f64) -> f64, lag: f64, sticks: f64) -> Option<(f64, usize)> {
         let (mut follow, mut speed, mut joints) = (Follow::default(), 0.0, Joints::zeros());
         let mut said = vec![joints; 10];
@@ -82,7 +85,7 @@ mod tests {
         }
         let found = noticed(|_| 0.2, 0.02, 2.0);
         assert!(found.is_some_and(|(time, _)| time < 2.8), "{found:?}");
-        // A joint that stands still need not move.
+        // A joint that is not commanded to move is not reported.
         assert_eq!(noticed(|_| 0.0, 0.02, 2.0), None);
     }
 }

@@ -1,20 +1,20 @@
-//! The estimate of a hinge by the hand that holds the handle: the way that the handle goes, and how it curves.
+//! The estimate of a hinge by the hand that holds the handle: the direction and the curvature of the handle's path.
 //!
-//! Fingers that hold a handle turn with it, so the way the handle goes is the same direction seen from the hand for as
-//! long as they hold it. Its angle beside the hand's axis and the curvature of its circle are adapted by the force
-//! across it and the torque about the vertical; neither odometry nor a map is used, so wheels that slip teach nothing
-//! wrong.
+//! Fingers that hold a handle turn with it. So, seen from the hand, the handle keeps moving in the same direction. The
+//! angle between this direction and the hand's axis is adapted by the force across the path, and the curvature of the
+//! path by the torque about the vertical. Neither odometry nor a map is used, so slipping wheels do not falsify the
+//! estimate.
 //!
 //! Convergence: let e be the error of the direction, k the stiffness across, g the compliance, v the speed. The force
-//! across settles at v e / g within 1/(k g), then de/dt = -rate v² / g · e: an error shrinks by exp(-rate/g · ∫v² dt),
-//! as long as the hand moves, with g from 1/2000 m/s/N to 1/600 for forces that stay ([`super::compliant`]). With c the
-//! turning compliance and s the turning stiffness the error of the curvature obeys x'' + c s x' + rate v² s x = 0,
-//! which is stable for every positive rate. Without motion nothing is learnt.
+//! across settles at v e / g within 1/(k g), then de/dt = -rate v² / g · e. So an error shrinks by exp(-rate/g · ∫v²
+//! dt) as long as the hand moves. Here g is 1/2000 m/s/N, and up to 1/600 for forces that stay ([`super::compliant`]).
+//! With the turning compliance c and the turning stiffness s, the error x of the curvature obeys x'' + c s x' + rate v²
+//! s x = 0, which is stable for every positive rate. Without motion nothing is learnt.
 //!
 //! A hand that turns about the handle (see [`super::swivel`]) feels no such torque. It knows by how much it turns and
-//! how the way curves, so the direction is carried along, and the curvature is adapted by the force across: with k =
-//! 1/g for the compliance the errors obey e' = -rate v² k e + v c, c' = -slow v² k e, stable for all positive rates,
-//! aperiodic as long as 4 slow < rate² v k.
+//! how the path curves, so both turns update the direction, and the force across adapts the curvature at the rate slow.
+//! With k = 1/g, the errors e of the direction and c of the curvature obey e' = -rate v² k e + v c, c' = -slow v² k e.
+//! This is stable for all positive rates, and aperiodic as long as 4 slow < rate² v k.
 //!
 //! Source: after Karayiannidis, Smith, Viña, Ögren and Kragic, "An adaptive control approach for opening doors and
 //! drawers under uncertainties", IEEE Trans. Robotics 32(1), 2016: direction and axis in the frame of the hand, driven
@@ -24,40 +24,41 @@
 const DIRECTION_RATE: f64 = 0.036;
 /// The rate at which the curvature is adapted (1/m/s per Nm and m/s).
 const CURVATURE_RATE: f64 = 2.0;
-/// The same by the force across (1/m/s per N and m/s).
+/// The rate at which the force across the path adapts the curvature (1/m/s per N and m/s).
 const BEND_RATE: f64 = 0.06;
 /// The share of the observed curvature that replaces the estimated one at each observation.
 const SEEN: f64 = 0.1;
 /// The greatest angle between the direction and the axis of the hand (rad): for a hand that turns with the door, and
-/// for one that does not.
+/// for a hand that does not.
 const BESIDE_MAX: (f64, f64) = (0.5, 1.5);
-/// Curvatures of doors (1/m): radii of 0.33 to 2 m.
+/// The range of the curvatures of doors (1/m): radii of 0.33 to 2 m.
 const CURVATURE: (f64, f64) = (0.5, 3.0);
-/// The estimate.
+/// The estimated direction and curvature of the handle's path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hinge {
     /// The direction of the handle's path, counter-clockwise from the hand's axis (rad).
     beside: f64,
-    /// (1/m), not negative.
+    /// The curvature of the path (1/m), not negative.
     curvature: f64,
 }
 
 impl Hinge {
-    /// Returns the prior: the handle goes along the hand's axis, on a circle of `radius` (m).
+    /// Returns the initial estimate: the handle moves along the hand's axis, on a circle of `radius` (m).
     pub fn new(radius: f64) -> Self {
         Self { beside: 0.0, curvature: (1.0 / radius.max(0.1)).clamp(CURVATURE.0, CURVATURE.1) }
     }
 
-    /// Learns from `dt` (s) of motion at `speed` (m/s) with a force (N) to the left of the way, on the hand, and a
-    /// torque (Nm) about the vertical, on the hand, positive the way the door turns.
+    /// Learns from `dt` (s) of motion at `speed` (m/s). `force_left` (N) is the force on the hand to the left of the
+    /// path. `torque` (Nm) is the torque on the hand about the vertical, positive in the direction in which the door
+    /// turns.
     pub fn update(&mut self, speed: f64, force_left: f64, torque: f64, dt: f64) {
         self.adapt(speed, force_left, dt, BESIDE_MAX.0);
         let curvature = self.curvature + CURVATURE_RATE * speed * torque * dt;
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
     }
 
-    /// Learns as [`Hinge::update`] does, with a hand that has turned by so much (rad, counter-clockwise) while the door
-    /// turned the way of `sense`, +1 counter-clockwise.
+    /// Learns like [`Hinge::update`], but from the force alone. In this time the hand has turned by `turned` (rad,
+    /// counter-clockwise). `sense` is +1 if the door turns counter-clockwise, else -1.
     pub fn update_turning(&mut self, speed: f64, force_left: f64, turned: f64, sense: f64, dt: f64) {
         self.beside += sense * speed * self.curvature * dt - turned;
         self.adapt(speed, force_left, dt, BESIDE_MAX.1);
@@ -65,15 +66,16 @@ impl Hinge {
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
     }
 
-    /// Takes the observed distance of the hinge (m). It is for a hand that estimates by the force alone: that takes
-    /// half of the path, during which slipping wheels could not be told from an unfinished estimate.
+    /// Takes the observed distance of the hinge (m); a distance that is not positive is ignored. A hand that estimates
+    /// by the force alone needs the observation: its estimate takes half of the path, and until then slipping wheels
+    /// could not be distinguished from an unfinished estimate.
     pub fn see(&mut self, radius: f64) {
         if radius > 0.0 {
             self.curvature += SEEN * ((1.0 / radius).clamp(CURVATURE.0, CURVATURE.1) - self.curvature);
         }
     }
 
-    /// A force to the left: the hand is too far to the right, so the way goes more to the left.
+    /// A force to the left means that the hand is too far to the right, so the path leads further to the left.
     fn adapt(&mut self, speed: f64, force_left: f64, dt: f64, most: f64) {
         self.beside = (self.beside + DIRECTION_RATE * speed * force_left * dt).clamp(-most, most);
     }
@@ -103,7 +105,7 @@ mod tests {
     /// the largest force across in the last second.
     fn open(radius: f64, askew: f64, speed: f64, seconds: f64) -> (Hinge, f64) {
         let (stiffness, turning, gain, turn_gain, dt) = (6000.0, 8.0, 1.0 / ACROSS, 0.12, 2e-3);
-        // Across the path, and the hand's yaw relative to the handle's.
+        // The distance of the hand across the path, and the hand's yaw relative to the handle's yaw.
         let (mut off, mut yaw, mut late) = (0.0f64, askew, 0.0f64);
         let mut hinge = Hinge::new(0.7);
         let mut time = 0.0;

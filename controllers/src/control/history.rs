@@ -1,12 +1,12 @@
 //! Recent samples, interpolated at a time between them.
 //!
-//! Devices measure at different times and their samples travel for different times; two of them belong together only at
-//! one stamp. Between two samples the value is taken to change evenly.
+//! Devices measure at different times, and their samples arrive after different delays. Values of two devices belong
+//! together only at the same stamp. Between two samples, the value is interpolated linearly.
 
 use comms::logic::time::Time;
 use std::collections::VecDeque;
 
-/// As many samples as are kept: half a second at 125 Hz.
+/// The number of samples that are kept: half a second at 125 Hz.
 const CAPACITY: usize = 64;
 
 /// Samples of N numbers, oldest first.
@@ -22,7 +22,7 @@ impl<const N: usize> Default for History<N> {
 }
 
 impl<const N: usize> History<N> {
-    /// Takes a sample, unless it is not newer than the last one.
+    /// Adds a sample. A sample that is not newer than the last one is ignored.
     pub fn push(&mut self, stamp: Time, value: [f64; N]) {
         if self.samples.back().is_some_and(|(last, _)| *last >= stamp) {
             return;
@@ -33,7 +33,8 @@ impl<const N: usize> History<N> {
         self.samples.push_back((stamp, value));
     }
 
-    /// Returns the value at `time`: between two samples in proportion, before the oldest and after the newest theirs.
+    /// Returns the value at `time`, interpolated linearly between two samples. Before the oldest sample this is the
+    /// oldest value, and after the newest sample the newest value. Returns none without samples.
     pub fn at(&self, time: Time) -> Option<[f64; N]> {
         let after = self.samples.iter().position(|(stamp, _)| *stamp >= time);
         let (Some(after), before) = (after, after.and_then(|after| after.checked_sub(1))) else {

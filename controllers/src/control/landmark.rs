@@ -13,22 +13,23 @@
 
 use nalgebra::Vector2;
 
-/// Of the newest sweep in the place of the hinge: over some five sweeps.
+/// The weight of the newest sweep in the mean place of the hinge: a mean over some five sweeps.
 const SHARE: f64 = 0.3;
-/// No base turns a hinge that is nearer than this (m) into more.
+/// The least distance by which the apparent motion of the hinge is divided (m).
 const NEAR: f64 = 0.3;
 
-/// Where a hinge was and is by the wheels.
+/// Where a hinge was and where it is now, in the odometry frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Landmark {
-    /// Where it was (m, odometry axes).
+    /// Where the hinge was when the wall was last in sight (m, odometry frame).
     was: Option<Vector2<f64>>,
     is: Option<Vector2<f64>>,
     turned: f64,
 }
 
 impl Landmark {
-    /// Takes where the hinge and the base are (m, odometry axes); while the wall is in sight that is where it was.
+    /// Takes where the hinge and the base are (m, odometry frame). While the wall is in sight, the present place of the
+    /// hinge becomes the reference.
     pub fn update(&mut self, hinge: &Vector2<f64>, base: &Vector2<f64>, is_in_sight: bool) {
         let is = self.is.map_or(*hinge, |is| is + (hinge - is) * SHARE);
         self.is = Some(is);
@@ -39,7 +40,7 @@ impl Landmark {
         self.turned = off / (hinge - base).norm().max(NEAR);
     }
 
-    /// Returns how far the base may have turned without its wheels since the wall was seen (rad).
+    /// Returns how far the base may have turned without its wheels since the wall was last in sight (rad).
     pub fn turned(&self) -> f64 {
         self.turned
     }
@@ -50,8 +51,8 @@ mod tests {
     use super::*;
     use nalgebra::Rotation2;
 
-    /// A base that drives past a hinge for 4 s at 0.1 m/s and is turned by `rate` (rad/s) from outside: returns its
-    /// possible turn.
+    /// A base that drives past a hinge for 4 s at 0.1 m/s and is turned by `rate` (rad/s) from outside. Returns the
+    /// possible turn of the base (rad).
     fn turned(rate: f64, wheel_error: f64) -> f64 {
         let (hinge, mut base, mut yaw, mut believed) =
             (Vector2::new(0.8, 0.5), Vector2::zeros(), 0.0f64, Vector2::zeros());

@@ -1,14 +1,15 @@
-//! The angle of a door in the sweeps of a laser: the leaf against a straight line that does not move, in one sweep.
+//! The angle of a door, measured in one sweep of a laser: the angle between the leaf and a straight line that does not
+//! move.
 //!
-//! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make
-//! a shut door look open. The leaf is the line right before the hand that holds its handle. The other line is found
+//! Leaf and line are seen in the same sweep, so neither slipping wheels nor a hand that has lost the handle can make a
+//! shut door look open. The leaf is the line right before the hand that holds its handle. The other line is found
 //! before the door moves, and is then followed from sweep to sweep:
-//! - The line of a leaf that goes on to both sides, or further than any leaf does, is the wall, and the door is shut.
-//! - A wall with an opening in it, in which the leaf would fit, tells how far the leaf is open: this is how a law that
-//!   begins in the middle knows.
-//! - Any other line, as a side wall, tells only by how much the leaf turns from now on. A wall on one side of the leaf
-//!   alone proves nothing: in a corner the side wall begins at the edge of a shut leaf as the wall begins at the hinge
-//!   of an open one.
+//! - If the line of the leaf continues on both sides, or further than any leaf, it is the wall, and the door is shut.
+//! - A wall with an opening that the leaf would fit shows how far the leaf is open. A law that begins with a half-open
+//!   door learns the angle in this way.
+//! - Any other line, such as a side wall, shows only by how much the leaf turns from now on. A wall on only one side of
+//!   the leaf proves nothing: in a corner, the side wall begins at the edge of a shut leaf, just as the wall begins at
+//!   the hinge of an open leaf.
 //!
 //! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction
 //! is that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
@@ -25,32 +26,35 @@ const WALL_GATE: f64 = 0.06;
 const WALL_TURN: f64 = 0.06;
 /// A laser that is nearer to the wall than this (m), or behind it, sees the jambs in its place.
 const WALL_NEAR: f64 = 0.20;
-/// From the middle of the base to its laser, straight ahead (m).
+/// The distance from the middle of the base to its laser, straight ahead (m).
 const LASER: f64 = 0.30;
-/// Deviation of a wall's direction when it is out of sight (rad), and by how much of the base's turn since it grows.
+/// The deviation of the direction of a wall that has just gone out of sight (rad), and its growth per rad that the base
+/// has turned since.
 const WHEELS: (f64, f64) = (0.01, 0.08);
 /// Points this close to a line lie on it [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
-/// The distance of the leaf behind the grasp point, from and to (m).
+/// The least and the greatest distance of the leaf behind the grasp point (m).
 const BEHIND: (f64, f64) = (-0.01, 0.22);
-/// The same to its sides (m).
+/// The greatest distance of the leaf's points to each side of the grasp point (m).
 const BESIDE: f64 = 0.6;
 /// The greatest angle of the leaf to the hand (rad): the lever turns in the fingers.
 const ASKEW: f64 = 0.40;
-/// Beyond the leaf's edge it is wall: from the hand, to each side (m).
+/// The distances from the hand, to each side, at which points on the leaf's line belong to the wall (m).
 const WALL_BESIDE: (f64, f64) = (0.4, 1.5);
-/// The number of points to each side, over this length (m), that is not a coincidence.
+/// The number of points on one side, spread over more than `WALL_LENGTH` (m), from which a wall is certain.
 const WALL_POINTS: usize = 5;
 const WALL_LENGTH: f64 = 0.2;
 /// No leaf is wider than this (m).
 const LEAF_MAX: f64 = 1.6;
-/// The greatest distance from a wall's beginning to the end of its leaf (m), and the least angle between them (rad).
+/// The greatest distance from the end of a leaf to the line of its wall (m), and the least angle between leaf and wall
+/// (rad).
 const HINGE_GATE: f64 = 0.15;
 const AJAR_MIN: f64 = 0.08;
-/// From the hinge to the handle (m), from and to; and how well the opening and the leaf are measured (m).
+/// The least and the greatest distance from hinge to handle (m), and the uncertainty of the measured edges of opening
+/// and leaf (m).
 const RADIUS: (f64, f64) = (0.3, 1.5);
 const EDGE: f64 = 0.15;
-/// The number of points in an opening that are stray, and the number that make a wall.
+/// The largest number of stray points in an opening, and the least number of points of a wall beyond it.
 const STRAYS: usize = 3;
 const BEYOND_POINTS: usize = 10;
 /// The least length of a line that a leaf is measured against (m).
@@ -62,21 +66,23 @@ const GAP: f64 = 0.15;
 /// The leaf is seen over at least this length (m).
 const LENGTH_MIN: f64 = 0.20;
 
-/// Leaf and wall at this angle (rad) show where they meet, by a mean over at least and about so many sweeps.
+/// From this angle between leaf and wall on (rad), the point where they meet is measured: by a mean over at least
+/// `MEAN_FROM` and about `MEAN_OF` sweeps.
 const MEETS: f64 = 0.2;
 const MEAN_FROM: u32 = 10;
 const MEAN_OF: u32 = 40;
 
-/// A leaf that is seen.
+/// The leaf as one sweep shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leaf {
-    /// From the shut leaf to the leaf (rad), positive counter-clockwise seen from above.
+    /// The angle from the shut leaf to the leaf (rad), positive counter-clockwise seen from above.
     pub angle: f64,
-    /// From the direction that faces the shut leaf to the hand's (rad), by the arm alone, likewise.
+    /// The angle from the direction that faces the shut leaf to the direction of the hand (rad), by the arm alone. It
+    /// is also positive counter-clockwise.
     pub hand: f64,
     /// Standard deviation of `angle` (rad).
     pub deviation: f64,
-    /// From the hand to the leaf (m).
+    /// The distance from the hand to the leaf (m).
     pub away: f64,
     /// The direction that the leaf faces away from the hand, a unit vector (base axes).
     pub normal: Vector2<f64>,
@@ -86,10 +92,11 @@ pub struct Leaf {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reference {
     line: Line,
-    /// From its normal to that of the shut leaf (rad), and the uncertainty of this angle (rad).
+    /// The angle from the normal of `line` to the normal of the shut leaf (rad). `deviation` is the uncertainty of this
+    /// angle (rad).
     shut: f64,
     deviation: f64,
-    /// The shut leaf (base axes), from the wheels, if the line is not certainly the door's wall.
+    /// The line of the shut leaf (base axes), followed by the wheels; none if `line` is certainly the door's wall.
     door: Option<Line>,
 }
 
@@ -97,9 +104,10 @@ struct Reference {
 #[derive(Clone, Debug)]
 pub struct Wall {
     reference: Option<Reference>,
-    /// The turns of the base since the wall was seen last (rad); none while it is in sight.
+    /// The sum of the base's turns since the wall was last seen (rad); none while the wall is in sight.
     turned: Option<f64>,
-    /// From the handle to the point where leaf and shut leaf meet (m), and the number of sweeps in the mean.
+    /// The mean distance from the handle to the point where leaf and shut leaf meet (m), and the number of sweeps in
+    /// this mean.
     radius: (f64, u32),
     random: Random,
 }
@@ -111,8 +119,9 @@ impl Default for Wall {
 }
 
 impl Wall {
-    /// Takes a sweep as `points` (m, base axes) from a base that has moved by `moved` (x, y (m), yaw (rad), base axes)
-    /// since the last one, with the hand at `base_from_tool`. Returns the leaf, if both it and the wall are seen.
+    /// Takes a sweep as `points` (m, base axes) with the hand at `base_from_tool`. Since the last sweep the base has
+    /// moved by `moved` (x, y (m), yaw (rad), base axes). Returns the leaf, if it is seen and a reference line is
+    /// known.
     pub fn update(
         &mut self,
         points: &[Vector2<f64>],
@@ -135,7 +144,7 @@ impl Wall {
                 self.turned = None;
                 (line, spread.direction)
             }
-            // Out of sight for a sweep, its place comes from the wheels, as far as they can be believed.
+            // While the wall is out of sight, its place comes from the wheels, with a deviation that grows.
             None => {
                 let turned = self.turned.insert(self.turned.unwrap_or(0.0) + moved.z.abs());
                 (before.line, WHEELS.0 + WHEELS.1 * *turned)
@@ -160,14 +169,14 @@ impl Wall {
         })
     }
 
-    /// Returns wall and leaf as lines (base axes) in the sweep that [`Wall::update`] has just had, if both are known;
-    /// the leaf's normal looks the way the hand does.
+    /// Returns wall and leaf as lines (base axes) in the sweep that [`Wall::update`] has just taken, if both are known.
+    /// The leaf's normal points in the direction of the hand.
     pub fn lines(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Line)> {
         let (leaf, _) = self.leaf(points, base_from_tool)?;
         Some((self.reference?.line, leaf))
     }
 
-    /// Takes where the lines of the shut leaf and of the leaf meet for the hinge.
+    /// Takes the point where the lines of the shut leaf and of the leaf meet as the hinge.
     fn meet(&mut self, shut: &Line, leaf: &Line, hand: &Vector2<f64>) {
         let Some(hinge) = crossing(shut, leaf) else { return };
         let radius = leaf.normal.perp(&(hinge - hand)).abs();
@@ -176,23 +185,24 @@ impl Wall {
         *mean += (radius - *mean) / f64::from(*count);
     }
 
-    /// Returns how far from the hand the hinge is as seen (m), if leaf and wall have been seen apart for long enough.
+    /// Returns the observed distance from the hand to the hinge (m), if leaf and wall were seen at an angle in enough
+    /// sweeps.
     pub fn radius(&self) -> Option<f64> {
         (self.radius.1 >= MEAN_FROM).then_some(self.radius.0)
     }
 
-    /// Returns the turns of the base to either side since the wall was last seen (rad), from the wheels; none while it
-    /// is in sight.
+    /// Returns the sum of the base's turns in both directions since the wall was last seen (rad), from the wheels; none
+    /// while the wall is in sight.
     pub fn turned(&self) -> Option<f64> {
         self.turned
     }
 
-    /// Returns whether it has a reference for the leaf.
+    /// Returns whether a reference line for the leaf has been found.
     pub fn is_found(&self) -> bool {
         self.reference.is_some()
     }
 
-    /// The line that the leaf before the hand can be measured against.
+    /// Finds a line against which the leaf before the hand can be measured.
     fn find(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<Reference> {
         let (leaf, spread) = self.leaf(points, base_from_tool)?;
         let hand = base_from_tool.translation.vector.xy();
@@ -225,7 +235,7 @@ impl Wall {
             }
             if let Some((_, seen)) = line::through(&on_line).filter(|(_, seen)| seen.length > REFERENCE_MIN) {
                 let deviation = seen.direction.hypot(spread.direction);
-                // A line that begins at an end of the leaf may be the door's wall, if not for sure.
+                // A line that begins at an end of the leaf is perhaps the door's wall.
                 if best.is_none() || begins && shut.abs() > AJAR_MIN {
                     best = Some(Reference { line, shut, deviation, door: Some(leaf) });
                 }
@@ -235,7 +245,7 @@ impl Wall {
             }
             others.retain(|point| (line.normal.dot(point) - line.distance).abs() > 2.0 * TOLERANCE);
         }
-        // A wall on one side alone may be hidden by the leaf that opens, so anything else is better.
+        // The opening leaf may hide a wall on only one side, so any other line is better.
         best.or(coplanar.filter(|_| sides[0].end + sides[1].end > LEAF_MAX))
     }
 
@@ -251,7 +261,7 @@ impl Wall {
         let before: Vec<_> = points.iter().filter(is_before_hand).copied().collect();
         let found = line::fit(&before, TOLERANCE, &mut self.random)?;
         let (mut leaf, spread) = line::through(&near(&before, &found, TOLERANCE))?;
-        // A line has two normals; the leaf's looks the way the hand does.
+        // A line has two normals; the leaf gets the normal in the direction of the hand.
         let same = leaf.normal.dot(&normal).signum();
         (leaf.normal, leaf.distance) = (leaf.normal * same, leaf.distance * same);
         let fits = turn(&normal, &leaf.normal).abs() < ASKEW && spread.length > LENGTH_MIN;
@@ -259,13 +269,13 @@ impl Wall {
     }
 }
 
-/// The points on the leaf's line, from before the hand to one side.
+/// The points on the leaf's line on one side of the hand.
 struct Side {
     foot: Vector2<f64>,
     along: Vector2<f64>,
-    /// How far it continues without gaps (m).
+    /// How far the points continue without gaps (m).
     end: f64,
-    /// Whether there is something beyond any leaf's edge.
+    /// Whether there are enough points beyond the edge of any leaf.
     is_wall: bool,
 }
 
@@ -279,19 +289,19 @@ impl Side {
         Self { foot: *foot, along, end, is_wall: out.len() >= WALL_POINTS && length > WALL_LENGTH }
     }
 
-    /// Where it ends (m).
+    /// Where these points end (m, base axes).
     fn place(&self) -> Vector2<f64> {
         self.foot + self.along * self.end
     }
 }
 
-/// Returns whether a wall has an opening that the leaf before the hand would shut: nothing in it, and wall on its other
-/// side.
+/// Returns whether a wall has an opening that the leaf before the hand would shut: hardly any points are in it, and
+/// there is wall on its other side.
 fn has_opening(wall: &Line, leaf: &Line, on_wall: &[Vector2<f64>], sides: &[Side; 2]) -> bool {
     let Some(hinge) = crossing(wall, leaf) else { return false };
     let [near, far] = sides;
     let to_hinge = near.along.dot(&(hinge - near.foot));
-    // From the hinge over the hand to the edge, open and shut.
+    // The direction from the hinge past the hand to the edge, for the open leaf and for the shut leaf.
     let (to_edge, edge) = if to_hinge > 0.0 { (-near.along, far.end) } else { (near.along, near.end) };
     let (radius, width) = (to_hinge.abs(), to_hinge.abs() + edge);
     let shut = Rotation2::new(turn(&leaf.normal, &wall.normal)) * to_edge;
@@ -407,7 +417,7 @@ mod tests {
         let (mut wall, mut random) = (Wall::default(), Random::new(7));
         let mut seen = 0;
         for i in 0..100 {
-            // 0.02 rad a sweep, of which the odometry knows nothing: the wheels slip.
+            // The base turns by 0.02 rad per sweep, and the odometry does not notice it: the wheels slip.
             let turned = Rotation2::new(-0.02 * f64::from(i.min(50)));
             let (points, hand) = sweep(0.6, true, &mut random);
             let points: Vec<_> = if i == 0 { sweep(0.0, true, &mut random).0 } else { points };

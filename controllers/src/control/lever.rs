@@ -1,8 +1,10 @@
-//! The lever while the door opens: kept down until the latch is free, and let up where the hand has to turn about it.
+//! The lever while the door opens: the hand keeps it down until the latch is free. A hand that has to turn about the
+//! lever then lets it up.
 //!
-//! Drives give way a little to a force that stays, so a hand that only stops pressing loses 15 degrees in ten seconds;
-//! its height is held instead. A lever is let up as it was pressed: the hand rises along an arc of middling length and
-//! rolls back. A lever that is up pushes back, which ends the rise.
+//! Drives give way a little to a constant force, so the lever of a hand that only stops pressing rises by 15 degrees in
+//! ten seconds. Instead, the law holds the height of the hand. The lever is let up in the same way as it was pressed:
+//! the hand rises along the arc of a lever of medium length and rolls back. A lever that is up pushes back, which ends
+//! the rise.
 //!
 //! Source: ours.
 
@@ -12,29 +14,30 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// The gain with which a height is held (1/s), and the largest speed (m/s).
 const GAIN: f64 = 3.0;
 const HOLD_MAX: f64 = 0.02;
-/// A lever that pushes harder than at first by so much (N) gives the height; it may push as hard as this, and is never
-/// held against more than that (N).
+/// If the lever pushes with more than its first force plus `HARDER` (N), the hand gives up its height and holds the
+/// present height instead. This limit is at least the first and at most the second value of `FORCE_MAX` (N).
 const HARDER: f64 = 8.0;
 const FORCE_MAX: (f64, f64) = (30.0, 48.0);
 /// The time over which the force at the beginning is averaged (s).
 const FELT_TIME: f64 = 0.25;
-/// The speed at which the hand rises (m/s), and the force of a lever that is up (N).
+/// The speed at which the hand rises (m/s), and the downward force on the hand at which the rise stops (N): the lever
+/// is up.
 const RISE: f64 = 0.03;
 const RISE_FORCE: f64 = 12.0;
 /// The lean below which a hand is level (rad), and the lean below which it may turn about the lever.
 const LEVEL: f64 = 0.04;
 const LEANS: f64 = 0.35;
-/// The longest time it takes (s).
+/// The longest time for which the hand lets the lever up (s).
 const TIME_MAX: f64 = 5.0;
 
 /// A lever in the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lever {
-    /// Of the hand that keeps it down (m).
+    /// The height of the hand that keeps the lever down (m).
     height: Option<f64>,
-    /// The force with which it pushes at first (N), and the time for which that has been felt (s).
+    /// The force with which the lever pushes at first (N), and the time over which this force has been averaged (s).
     felt: (f64, f64),
-    /// The time for which it has been let up (s); none if it is up.
+    /// For how long the hand has been letting the lever up (s); none once the lever is up.
     rising: Option<f64>,
 }
 
@@ -45,8 +48,8 @@ impl Default for Lever {
 }
 
 impl Lever {
-    /// Returns how fast the hand at a `height` (m) has to move upwards (m/s, not positive) to keep the lever down,
-    /// which pushes it upwards with a force (N), `dt` (s) after the last call.
+    /// Returns the upward speed (m/s, not positive) with which a hand at `height` (m) keeps the lever down, `dt` (s)
+    /// after the last call. `upward` is the force of the lever on the hand, upwards (N).
     pub fn hold(&mut self, height: f64, upward: f64, dt: f64) -> f64 {
         let held = self.height.get_or_insert(height);
         let (felt, time) = &mut self.felt;
@@ -60,8 +63,9 @@ impl Lever {
         (GAIN * (*held - height)).clamp(-HOLD_MAX, 0.0)
     }
 
-    /// Lets the lever up, `dt` (s) after the last call, with the hand's `rotation` and the force that pushes it upwards
-    /// (N). Returns how fast the hand rises (m/s) and rolls about its z axis (rad/s), until the lever is up.
+    /// Lets the lever up, `dt` (s) after the last call. `rotation` is the orientation of the hand, and `upward` the
+    /// force that pushes the hand upwards (N). Returns how fast the hand rises (m/s) and rolls about its z axis
+    /// (rad/s); none once the lever is up.
     pub fn rise(&mut self, rotation: &UnitQuaternion<f64>, upward: f64, dt: f64) -> Option<(f64, f64)> {
         let time = self.rising? + dt;
         let (x, y) = (rotation * Vector3::x(), rotation * Vector3::y());
@@ -70,12 +74,12 @@ impl Lever {
         self.rising.map(|_| (up, -(x.z * y.z).signum() * RISE * ROLL / LEVER))
     }
 
-    /// Returns whether it still has to be let up.
+    /// Returns whether the lever still has to be let up.
     pub fn is_rising(&self) -> bool {
         self.rising.is_some()
     }
 
-    /// Returns whether the hand may turn about the lever: it is nearly up.
+    /// Returns whether the hand may turn about the lever: the lever is nearly up.
     pub fn is_up(&self, rotation: &UnitQuaternion<f64>) -> bool {
         let is_rising = self.rising.is_none_or(|time| time > 0.0);
         is_rising && (self.rising.is_none() || (rotation * Vector3::x()).z.abs() < LEANS)
@@ -111,7 +115,7 @@ mod tests {
     #[test]
     fn it_is_let_up_as_it_was_pressed_to_either_side() {
         for side in [1.0, -1.0] {
-            // Facing x, the lever to one side and 0.6 rad down.
+            // A hand that faces x, with the lever to one side and pressed by 0.6 rad.
             let level = UnitQuaternion::from_basis_unchecked(&[Vector3::y() * side, Vector3::z() * side, Vector3::x()]);
             let (mut lever, mut roll, mut up, dt) = (Lever::default(), -0.6 * side, 0.0, 0.01);
             let at = |roll: f64| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), roll) * level;
@@ -120,7 +124,7 @@ mod tests {
                 (up, roll) = (up + rise * dt, roll + turn * dt);
             }
             assert!(roll.abs() < LEVEL && lever.is_up(&at(roll)), "{side}: {roll}");
-            // As far as it takes to press a lever of 0.1 m by that angle.
+            // The hand rises as far as a lever of 0.1 m has to be pressed for that angle.
             assert!((up - (0.6 - LEVEL) * LEVER / ROLL).abs() < 1e-3, "{side}: {up}");
         }
         // A raised lever pushes back, and the hand rises no further.

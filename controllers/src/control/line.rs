@@ -8,19 +8,19 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 
 const TRIALS: u32 = 40;
 
-/// The points with `normal · p = distance`.
+/// A straight line: the points p with `normal · p = distance`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
     /// Unit normal, pointing from the origin to the line.
     pub normal: Vector2<f64>,
     /// Distance of the line from the origin (m), not negative.
     pub distance: f64,
-    /// The number of points on it.
+    /// The number of points on the line.
     pub inliers: usize,
 }
 
-/// Returns the line that most `points` (m) lie on, to within `tolerance` (m); none if that is less than a third of
-/// them, or fewer than ten.
+/// Returns the line that most `points` (m) lie on, to within `tolerance` (m). Returns none if fewer than ten points, or
+/// less than a third of them, lie on it.
 pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Option<Line> {
     let mut best: Option<Line> = None;
     for _ in 0..TRIALS {
@@ -37,19 +37,19 @@ pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Opti
     through(&inliers).map(|(line, _)| line)
 }
 
-/// The accuracy with which points fix their line.
+/// How accurately points determine their line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// The number of points.
     pub count: usize,
-    /// From the first to the last along the line (m).
+    /// The distance from the first to the last point along the line (m).
     pub length: f64,
     /// Standard deviation of the line's direction (rad).
     pub direction: f64,
 }
 
-/// Returns the line closest to all `points` (m), and how well it is known; none of fewer than three, nor of points that
-/// are not finite.
+/// Returns the line closest to all `points` (m), and how well it is known. Returns none for fewer than three points,
+/// and if a coordinate is not finite.
 pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
     let count = points.len();
     if count < 3 {
@@ -72,7 +72,7 @@ pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
     Some((Line { inliers: count, ..line(normal, &mean) }, spread))
 }
 
-/// Returns the point where two lines meet (m), if they do so at an angle.
+/// Returns the point where two lines meet (m); none if they are nearly parallel.
 pub fn crossing(a: &Line, b: &Line) -> Option<Vector2<f64>> {
     let cross = a.normal.perp(&b.normal);
     let meet = Vector2::new(
@@ -118,7 +118,8 @@ mod tests {
             .collect();
         points.extend((0..50).map(|i| Vector2::new(0.4 + 0.01 * f64::from(i), 0.2)));
         let line = fit(&points, 0.02, &mut Random::new(5)).unwrap();
-        // 100 points of 5 mm: 0.5 mm for the distance, 5 mm / (0.29 m · 10) for the slope; four of each.
+        // 100 points with a deviation of 5 mm: the deviation is 0.5 mm for the distance, and 5 mm / (0.29 m · 10) for
+        // the slope. The limits are four deviations.
         assert!((line.distance - 1.2).abs() < 2e-3, "{line:?}");
         assert!((line.normal - normal).norm() < 7e-3, "{line:?}");
         assert_eq!(fit(&points[..5], 0.02, &mut random), None);

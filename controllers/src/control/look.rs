@@ -1,20 +1,21 @@
-//! Looking around for an object that is out of sight: first back, because a near object does not fit the image, then to
-//! both sides, further each time.
+//! The search for an object that is out of sight. First the hand moves back, because a near object does not fit the
+//! image. Then it turns to both sides, further each time.
 //!
 //! Source: ours.
 
 use super::ramp::towards;
 use nalgebra::Vector6;
 
-/// The time for which it stands still and looks first (s).
+/// The time for which the hand first stands still and looks (s).
 const STAND: f64 = 0.4;
-/// (m/s), (m).
+/// The speed of the way back (m/s), and its length (m).
 const BACK_SPEED: f64 = 0.06;
 const BACK: f64 = 0.25;
-/// (rad/s), and how far to each side, in turn (rad, positive to the left).
+/// The speed of the turns (rad/s), and the angles to which the hand turns, one after the other (rad, positive to the
+/// left).
 const TURN_SPEED: f64 = 0.3;
 const SIDES: [f64; 5] = [0.35, -0.35, 0.8, -0.8, 0.0];
-/// (m/s², rad/s²).
+/// The acceleration of both motions (m/s², rad/s²).
 const ACCELERATION: f64 = 0.4;
 
 /// The state of the search.
@@ -35,7 +36,7 @@ impl Search {
     /// Returns the velocity of the hand (m/s, rad/s, tool axes) for the next `dt` (s), with the vertical `up_in_tool`.
     ///
     /// # Errors
-    /// It has looked everywhere.
+    /// If the search has looked everywhere.
     pub fn advance(&mut self, up_in_tool: &nalgebra::Vector3<f64>, dt: f64) -> Result<Vector6<f64>, Nowhere> {
         self.time += dt;
         let (mut linear, mut angular) = (0.0, 0.0);
@@ -47,7 +48,7 @@ impl Search {
             if left.abs() < 0.02 {
                 self.side += 1;
             }
-            // No faster than it can brake.
+            // The hand turns no faster than it can still brake.
             angular = left.signum() * TURN_SPEED.min((2.0 * ACCELERATION * left.abs()).sqrt());
         }
         let step = ACCELERATION * dt;

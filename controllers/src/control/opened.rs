@@ -1,97 +1,101 @@
 //! The proof that a door is open: the required measurements, and the reason for a doubt.
 //!
-//! The estimate of the hinge is fed by the hand alone. A hand that has lost the handle also draws a circle in the air,
-//! and so do wheels that slip. So an opening does not end by its estimate. It ends when the laser sees the leaf at the
-//! goal in three sweeps in a row, each less two standard deviations, while the fingers hold something and the hand has
-//! turned with the leaf. Then the hand comes to rest and takes off its load. After that, all of this has to hold for
-//! half a second longer: a door is open if it stays open. The estimate only says when to start doubting.
+//! The estimate of the hinge uses only the hand. A hand that has lost the handle also moves along a circle, and
+//! slipping wheels look the same. So the estimate alone does not end an opening. An opening ends when, in three sweeps
+//! in a row, the laser sees the leaf at the goal even if two standard deviations are subtracted. In addition, the
+//! fingers have to hold something, and the hand has to have turned with the leaf. Then the hand comes to rest and takes
+//! off its load. After that, all of this has to hold for half a second longer: a door is open if it stays open. The
+//! estimate only says when to start doubting.
 //!
-//! Two independent measurements support the angle that the laser sees, and each of the three may be wrong alone. The
-//! path of the handle since the grasp, by arm and wheels, has to be as long as a leaf needs for this angle. The same
-//! holds for the path along which forces led the hand. A door that has not moved has neither, whatever the laser
-//! mistakes for its leaf or wall. A leaf whose distance from the hand has changed has left the hand, whatever the
-//! fingers report.
+//! Two independent measurements have to support the angle that the laser sees, because each of the three may be wrong
+//! alone. The path of the handle since the grasp, by arm and wheels, has to be as long as a leaf needs for this angle.
+//! The same holds for the path along which forces led the hand. If the door has not moved, both paths are too short,
+//! whatever the laser mistakes for its leaf or wall. If the distance between leaf and hand has changed, the leaf has
+//! left the hand, whatever the fingers report.
 //!
 //! The angle of a leaf is measured against its wall. When the wall is out of sight, its place comes from the wheels,
 //! which may slip in two ways. The angle that slip can have added is bounded and is subtracted: [`Watch::slip`].
 //!
-//! Wheels that turn on the spot: a turn of the base that is only believed turns the wall by as much, and contradicts
-//! neither the hand nor the laser. No sensor bounds it, so all of it counts. Wheels that only drive do not change the
-//! angle; so a base that is steady, as [`super::redundancy::Motion`] has it, keeps this part small. Its hand is led
-//! astray then, and feels it.
+//! First, the wheels may spin without turning the base. A turn that the wheels report, but the base does not make,
+//! turns the remembered wall by the same angle. Such a turn contradicts neither the hand nor the laser. No sensor bounds
+//! it, so all of it counts. Wheels that only drive do not change the angle. So a steady base, as
+//! [`super::redundancy::Motion`] defines it, keeps this part small. If its wheels slip, the hand is led astray and
+//! feels it.
 //!
-//! Wheels that slide: a base that turns by d without its wheels also turns the hand, so the path of the handle seems to
-//! curve by up to d more or less. Over an arc a of the door the estimated radius of the hinge is r instead of R, with a
-//! R / r = a + d. So d is the integral of (R / r - 1) over the arc since the wall was last seen, with the R observed at
-//! that time. The observed arc is a + d, which is on the safe side, because the estimate of r lags. Beyond a limit the
-//! wheels have certainly slipped.
+//! Second, the wheels may slide. A base that turns by d without its wheels also turns the hand, so the path of the
+//! handle seems to curve by up to d more or less. Over an arc a of the door the estimated radius of the hinge is r
+//! instead of R, with a R / r = a + d. So d is the integral of (R / r - 1) over the arc since the wall was last seen,
+//! with the R observed at that time. The observed arc is a + d, which is on the safe side, because the estimate of r
+//! lags. Beyond a limit the wheels have certainly slipped.
 //!
-//! Source: ours. In the good runs of `tests/tests/all/false_success.rs` leaf and truth differ by at most 1 degree, hand
-//! and leaf by at most 10; the estimate is ahead by 5, with wheels that slip by up to 41.
+//! Source: ours. In the good runs of `tests/tests/all/false_success.rs` leaf and truth differ by at most 1 degree, and
+//! hand and leaf by at most 10. The estimate is ahead by 5 degrees, and by up to 41 if the wheels slip.
 
 use super::filter::Debounce;
 use super::leaf::Leaf;
 
-/// The largest difference of the hand's turn from the leaf's (rad): the lever turns in the fingers by some degrees.
+/// The largest difference between the turns of hand and leaf (rad): the lever turns in the fingers by some degrees.
 pub const TURN_MAX: f64 = 0.30;
 /// The angle that an open door may be short of its goal (rad).
 pub const MARGIN: f64 = 0.035;
 /// An estimate this far beyond the goal (rad) is in doubt: in good runs it is ahead by about 6 degrees.
 pub const AHEAD_MAX: f64 = 0.35;
-/// The relative difference between the estimated and the observed distance of the hinge that means slip: in good runs
-/// it is 0.11 at most.
+/// If the estimated and the observed distance of the hinge differ by more than this share, the wheels slip. In good
+/// runs they differ by 0.11 at most.
 const SLIPS: f64 = 0.25;
-/// The share that counts for a hinge that has never been seen.
+/// The share that is assumed for a hinge whose distance has never been observed.
 const UNSEEN: f64 = 0.35;
-/// The share of a leaf's turn that the way of the handle and the way that was felt have to bear out.
+/// The share of the leaf's turn that the path of the handle and the estimated angle have to confirm.
 const WITNESSED: f64 = 0.6;
-/// A base that may have been turned by more than this without its wheels (rad) has been.
+/// If the base may have been turned by more than this without its wheels (rad), it counts as turned.
 const MOVED_MAX: f64 = 0.25;
-/// A leaf that is nearer to the hand or further away than at first, by so much (m), has left it; "at first" is a mean
-/// of so many sweeps.
+/// A leaf has left the hand if its distance from the hand has changed by more than this since the start (m). The
+/// distance at the start is a mean over `FIRST` sweeps.
 const LEAVES: f64 = 0.06;
 const FIRST: u32 = 5;
-/// Below this angle (rad) the line of the leaf is partly that of the wall.
+/// Below this angle (rad) the line of the leaf contains points of the wall.
 const APART: f64 = 0.26;
-/// The number of sweeps in a row that show the leaf at its goal; the number after which the hand rests and takes off its
-/// load, and the number after which the door is open.
+/// The required numbers of sweeps in a row that show the leaf at its goal: for the door to count as at its goal, for
+/// the hand to rest and take off its load, and for the door to be open.
 const IN_A_ROW: u32 = 3;
 const RESTS: u32 = 8;
 const STAYS: u32 = 18;
-/// The leaf may give by so much while the hand takes off its load, and afterwards (rad).
+/// How far the leaf may move back while the hand takes off its load, and afterwards (rad).
 const GIVES_UNLOADING: f64 = 0.05;
 const GIVES: f64 = 0.02;
 
 /// The expected geometry of a door's handle and hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
-    /// Between the fingers when they hold the handle, from and to (m).
+    /// The least and the greatest distance between the fingers when they hold the handle (m).
     pub width: (f64, f64),
-    /// From the hinge to the handle, from and to (m).
+    /// The least and the greatest distance from the hinge to the handle (m).
     pub radius: (f64, f64),
 }
 
 /// The measurements of one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// Between the fingers (m).
+    /// The distance between the fingers (m).
     pub width: f64,
     /// The estimated angle of the door (rad).
     pub believed: f64,
-    /// The leaf as a new sweep shows it, angles positive the way it opens.
+    /// The leaf as a new sweep shows it; none without a new sweep. Its angles are positive in the direction in which it
+    /// opens.
     pub leaf: Option<Leaf>,
-    /// The estimated radius (m).
+    /// The estimated distance from the hinge to the handle (m).
     pub radius: f64,
-    /// The radius as it was seen (m), if it was.
+    /// The observed distance from the hinge to the handle (m), if it was observed.
     pub seen_radius: Option<f64>,
-    /// The turns of the base since the wall was seen, to either side (rad), as the wheels say; none while it is in
-    /// sight.
+    /// The sum of the base's turns in both directions since the wall was last seen (rad), from the wheels; none while
+    /// the wall is in sight.
     pub turned: Option<f64>,
-    /// How far the base may have turned since then without its wheels (rad), by where it sees the hinge.
+    /// How far the base may have turned without its wheels since the wall was last seen (rad), judged by the place
+    /// where it sees the hinge.
     pub moved: f64,
-    /// From where the handle was at first to where it is (m), by arm and wheels.
+    /// The distance from the first place of the handle to the present one (m), measured by arm and wheels.
     pub way: f64,
-    /// The hand has taken off its load.
+    /// Whether the hand has taken off its load.
     pub unloaded: bool,
 }
 
@@ -100,7 +104,8 @@ pub struct Evidence {
 pub enum Verdict {
     /// Not open yet.
     GoOn,
-    /// At its goal. It has to stay there while the hand comes to rest, takes off its load, and for half a second more.
+    /// The door is at its goal. It has to stay there while the hand comes to rest, takes off its load, and for half a
+    /// second more.
     Rests,
     /// Open.
     Open,
@@ -121,7 +126,7 @@ pub enum Doubt {
     Turn,
     /// No door has such a hinge.
     Hinge,
-    /// The angle rests on wheels that may have turned on the spot.
+    /// The angle depends on wheels that may have slipped.
     Wheels,
     /// The base was turned without its wheels.
     Moved,
@@ -138,7 +143,7 @@ impl Expected {
     }
 }
 
-/// Watches an opening for its end.
+/// Decides when an opening is complete.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Watch {
     goal: f64,
@@ -149,9 +154,10 @@ pub struct Watch {
     seen: Option<f64>,
     /// The angle at which the leaf was seen first (rad).
     first: Option<f64>,
-    /// From the hand to the leaf at first (m), and the number of sweeps in the mean.
+    /// The mean distance from the hand to the leaf in the first sweeps (m), and the number of sweeps in this mean.
     away: (f64, u32),
-    /// The turns of the base since the wall was seen (rad), from the wheels, and without them.
+    /// How the base may have turned since the wall was last seen (rad): by its wheels, by sliding, and as the place of
+    /// the hinge shows.
     turned: f64,
     slid: f64,
     moved: f64,
@@ -179,22 +185,23 @@ impl Watch {
         self.seen
     }
 
-    /// Returns the largest angle that wheels that slip can have added to the leaf's (rad).
+    /// Returns the largest angle that slipping wheels can have added to the angle of the leaf (rad).
     pub fn slip(&self) -> f64 {
         self.turned + self.slid.abs().max(self.moved)
     }
 
-    /// Returns how fast the hand may go, at most 1: it stops when the door is at its goal.
+    /// Returns the factor for the speed of the hand, at most 1. The hand slows down and stops while sweeps show the
+    /// door at its goal.
     pub fn pace(&self) -> f64 {
         1.0 - f64::from(self.reached.min(RESTS)) / f64::from(RESTS)
     }
 
-    /// Returns whether the hand is at rest at the goal: it has to take off its load.
+    /// Returns whether the hand is at rest at the goal and has to take off its load.
     pub fn is_at_rest(&self) -> bool {
         self.reached >= RESTS
     }
 
-    /// Takes the evidence. A value that is NaN is in doubt.
+    /// Takes the evidence and returns the verdict. A value that is NaN leads to a doubt.
     pub fn update(&mut self, evidence: &Evidence) -> Verdict {
         if !self.expected.holds(evidence.width) {
             return Verdict::Doubt(Doubt::Handle);
@@ -208,7 +215,7 @@ impl Watch {
         if self.moved > MOVED_MAX {
             return Verdict::Doubt(Doubt::Moved);
         }
-        // At first the leaf is certainly at its goal; then it has not certainly left it.
+        // At first the leaf has to be at its goal for certain. Later it must not have left its goal for certain.
         let (sure, gives) = match self.reached {
             ..IN_A_ROW => (-2.0, 0.0),
             RESTS if !evidence.unloaded => (2.0, GIVES_UNLOADING),
@@ -233,7 +240,7 @@ impl Watch {
                 };
             }
         }
-        // A number that is none is not below.
+        // NaN is not below the limit, so it leads to a doubt.
         if evidence.believed < self.goal + AHEAD_MAX || reached || self.reached >= IN_A_ROW {
             return Verdict::GoOn;
         }
@@ -246,8 +253,8 @@ impl Watch {
 }
 
 impl Watch {
-    /// Adds the angle that the wheels may have added. Returns whether the hinge is still in the place where it was
-    /// seen.
+    /// Updates the angle that slip may have added. Returns whether the estimated distance of the hinge still agrees
+    /// with the observed distance.
     fn is_borne(&mut self, evidence: &Evidence) -> bool {
         let Some(turned) = evidence.turned else {
             (self.turned, self.slid, self.moved) = (0.0, 0.0, 0.0);
@@ -269,7 +276,7 @@ impl Watch {
         evidence.way >= WITNESSED * chord && evidence.believed >= WITNESSED * turned
     }
 
-    /// Takes how far the leaf is away from the hand; returns whether it has left it.
+    /// Takes the distance of the leaf from the hand. Returns whether the leaf has left the hand.
     fn has_left(&mut self, leaf: &Leaf) -> bool {
         let (mean, count) = &mut self.away;
         if *count < FIRST {
@@ -377,7 +384,7 @@ mod tests {
             let shuts = Evidence { leaf: Some(Leaf { angle: 1.15, ..LEAF }), ..GOOD };
             assert_eq!(after(Evidence { width: 0.0, ..GOOD }).0, Verdict::Doubt(Doubt::Handle));
             assert_eq!(after(shuts), (Verdict::GoOn, 1.0), "the hand opens it further");
-            // One sweep of a noisy laser does not show that it shuts.
+            // One sweep of a noisy laser does not show that the door shuts.
             for (angle, deviation) in [(1.18, 0.002), (1.15, 0.02)] {
                 let gives = Evidence { leaf: Some(Leaf { angle, deviation, ..LEAF }), believed: 1.7, ..GOOD };
                 assert_eq!(after(gives).0, Verdict::Rests);
@@ -434,15 +441,15 @@ mod tests {
         assert_eq!(radius(0.9), Verdict::Rests);
     }
 
-    /// A side wall by the latch of a shut door was taken for its wall: leaf and hand stood at 90 degrees from the first
-    /// sweep on.
+    /// A side wall beside the latch of a shut door was once mistaken for the door's wall: leaf and hand stood at 90
+    /// degrees from the first sweep on.
     #[test]
     fn a_leaf_at_the_goal_is_no_open_door_unless_the_handle_has_gone_there() {
         for (way, believed) in [(0.0, 0.0), (0.03, 1.3), (0.95, 0.1), (f64::NAN, 1.3), (0.95, f64::NAN)] {
             let found = verdict(&Evidence { way, believed, ..GOOD });
             assert_eq!(found, Verdict::Doubt(Doubt::Way), "{way} m, {believed} rad");
         }
-        // A law that begins in the middle needs the rest of the way only.
+        // A law that begins with a half-open door needs only the rest of the path.
         let mut watch = Watch { first: Some(0.8), ..watch() };
         let rest = Evidence { way: 0.35, believed: 0.45, ..GOOD };
         assert_eq!([rest; 3].map(|rest| watch.update(&rest))[2], Verdict::Rests);
@@ -457,7 +464,7 @@ mod tests {
         }
     }
 
-    /// 0.15 rad/s for 1.2 s near the end: done at 58 degrees.
+    /// A base that was turned at 0.15 rad/s for 1.2 s near the end once reported success at 58 degrees.
     #[test]
     fn a_base_that_was_turned_from_outside_opens_the_door_further_or_gives_up() {
         let with = |moved, angle| {

@@ -2,9 +2,9 @@
 //!
 //! The stability of a loop depends on the stiffness of the object in the hand, which is not known in advance: fingers
 //! on a lever may be eight times as stiff as the budget of [`super::compliant`] assumes. A loop beyond its budget
-//! swings to and fro, and the swings grow. So swings are counted, if each is larger than noise and soon after the
-//! previous one; one push or step is not a swing. From the third swing on, each reduces the gain, and a loop that has
-//! been calm slowly recovers it.
+//! swings to and fro, and the swings grow. So swings are counted. A swing counts if it is larger than the noise and
+//! comes soon after the previous one; a single push or step is not a swing. From the third swing on, each swing reduces
+//! the gain. The gain of a calm loop slowly recovers.
 //!
 //! Source: Dimeas and Aspragathos, "Online stability in human-robot cooperation with admittance control", IEEE Trans.
 //! Haptics 9(2), 2016: an unstable contact is found by its oscillation, and the gain is adapted; the way of counting is
@@ -13,16 +13,16 @@
 use super::filter::LowPass;
 use nalgebra::Vector3;
 
-/// The least size of a swing (N), and in deviations of the noise.
+/// The least size of a swing: in N, and in standard deviations of the noise.
 const SWING: (f64, f64) = (8.0, 4.0);
-/// The next one comes within this (s): 2 Hz and more.
+/// The next swing follows within this time (s): at 2 Hz and more.
 const SOON: f64 = 0.25;
-/// The number of swings in a row that is not a coincidence.
+/// From this number of swings in a row on, each swing reduces the gain.
 const IN_A_ROW: u32 = 3;
-/// The share of the gain that each of them leaves, and the least that is always left.
+/// The share of the gain that remains after such a swing, and the least share that always remains.
 const LEFT: f64 = 0.75;
 const SHARE_MIN: f64 = 0.12;
-/// The share of the gain that comes back (1/s).
+/// The rate at which the share of the gain recovers (1/s).
 const BACK: f64 = 0.04;
 const CUTOFF: f64 = 15.0;
 /// The number of samples over which the noise is estimated.
@@ -31,17 +31,17 @@ const NOISE_SAMPLES: f64 = 60.0;
 /// Swings of one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Swings {
-    /// The lowest and highest since the last turn (N).
+    /// The lowest and the highest force since the last turn (N).
     low: f64,
     high: f64,
-    /// +1 while it rises, -1 while it falls.
+    /// +1 while the force rises, -1 while it falls.
     sense: f64,
     since: f64,
     count: u32,
 }
 
 impl Swings {
-    /// Takes a value, `dt` (s) after the last; returns whether it has turned as often as a loop that swings.
+    /// Takes a value, `dt` (s) after the last one. Returns whether it completes a swing that reduces the gain.
     fn update(&mut self, value: f64, swing: f64, dt: f64) -> bool {
         self.since += dt;
         (self.low, self.high) = (self.low.min(value), self.high.max(value));
@@ -52,7 +52,7 @@ impl Swings {
             self.sense = if rises && self.sense <= 0.0 { 1.0 } else { -1.0 };
             (self.low, self.high, self.since) = (value, value, 0.0);
         }
-        // Of a rise only the highest counts from now on, of a fall only the lowest.
+        // During a rise only the highest value counts, during a fall only the lowest.
         if self.sense > 0.0 {
             self.low = self.high;
         } else if self.sense < 0.0 {
@@ -68,7 +68,7 @@ pub struct OscillationGuard {
     axes: [Swings; 3],
     filter: LowPass<3>,
     last: Option<Vector3<f64>>,
-    /// The variance along one axis (N²).
+    /// The variance of the noise along one axis (N²).
     variance: f64,
     share: f64,
 }
@@ -81,7 +81,7 @@ impl Default for OscillationGuard {
 }
 
 impl OscillationGuard {
-    /// Takes a force (N), `dt` (s) after the last; returns which share of its gain the loop may have, at most 1.
+    /// Takes a force (N), `dt` (s) after the last one. Returns the share of its gain that the loop may use, at most 1.
     pub fn update(&mut self, force: &Vector3<f64>, dt: f64) -> f64 {
         if let Some(last) = self.last.replace(*force) {
             self.variance += ((force - last).norm_squared() / 6.0 - self.variance) / NOISE_SAMPLES;

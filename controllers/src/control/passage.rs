@@ -1,12 +1,12 @@
 //! The way through an open door, and how much room it has, seen from above.
 //!
-//! Beside the leaf, where the hand has let go of the handle, one sweep shows leaf, wall and the leaf's free edge; the
-//! jamb on the side of the latch hides behind the leaf and is taken to be as far from the hinge as the leaf is wide.
-//! That is enough to drive around the edge. Before the opening both sides are in sight, and the way is the straight
-//! line that keeps furthest from every point that the laser sees.
+//! Beside the leaf, where the hand has let go of the handle, one sweep shows leaf, wall and the leaf's free edge. The
+//! leaf hides the jamb on the side of the latch. This jamb is assumed to be as far from the hinge as the leaf is wide.
+//! That is enough to drive around the edge. In front of the opening both of its sides are in sight. The way through is
+//! the straight line that keeps furthest from every point that the laser sees.
 //!
-//! A leaf of width w that is open by a leaves w·sin(a) between itself and the jamb. A robot that drives past it, a disc
-//! of radius R with a margin m, needs sin(a) = 2(R + m)/w.
+//! If a leaf of width w is open by the angle a, w·sin(a) is free between the leaf and the jamb. A robot that drives
+//! past the leaf, a disc of radius R with a margin m, needs sin(a) ≥ 2(R + m)/w.
 //!
 //! Source: ours; the widest straight corridor among points is the empty corridor problem, Houle and Maciel, "Finding
 //! the widest empty corridor through a set of points", 1988, here by trying directions.
@@ -21,13 +21,14 @@ const GAP: f64 = 0.15;
 const TOLERANCE: f64 = 0.02;
 /// The distance from the leaf's edge to the base's centre on the way around it, in addition to the base's radius (m).
 const AROUND: f64 = 0.30;
-/// The distance from the leaf's edge back to the place from which the robot looks through the door, likewise (m).
+/// The distance from the leaf's edge back to the place from which the robot looks through the door, in addition to the
+/// base's radius (m).
 const BEFORE: f64 = 0.45;
 /// The final distance of the base beyond the wall, in addition to its radius (m): wheels may be wrong by 5 % of the
 /// way.
 const BEYOND: f64 = 0.30;
-/// The range in which a corridor is searched, around its expected place: by angle (rad), in such steps, and sideways
-/// (m).
+/// The range in which a corridor is searched, around its expected place: by angle (rad), the steps of this angle (rad),
+/// and sideways (m).
 const TURN: f64 = 0.20;
 const TURN_STEP: f64 = 0.01;
 const BESIDE: f64 = 0.25;
@@ -36,34 +37,34 @@ const ROOM_MIN: f64 = 0.10;
 /// Sides of a corridor further away than this (m) do not belong to a door.
 const SIDE_MAX: f64 = 1.5;
 
-/// A straight way: a place on it (m), and its direction (rad).
+/// A straight way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Way {
-    /// A place on it (m).
+    /// A place on the way (m).
     pub at: Vector2<f64>,
-    /// Its direction (rad).
+    /// The direction of the way (rad).
     pub heading: f64,
 }
 
 /// A door that stands open, as seen from above (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doorway {
-    /// The point where the leaf meets the wall.
+    /// The point where the leaf meets the wall (m).
     pub hinge: Vector2<f64>,
-    /// The free edge of the leaf.
+    /// The free edge of the leaf (m).
     pub edge: Vector2<f64>,
-    /// The place of that edge when the door is shut.
+    /// The place of the free edge when the door is shut (m).
     pub latch: Vector2<f64>,
-    /// The normal of the wall, towards the robot's side.
+    /// The normal of the wall, a unit vector towards the robot's side.
     pub out: Vector2<f64>,
 }
 
-/// A straight way with nothing in it.
+/// A straight way without obstacles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corridor {
-    /// In the middle between its sides.
+    /// The way in the middle between the sides of the corridor.
     pub way: Way,
-    /// From the way to each side (m).
+    /// The distance from the way to each side (m).
     pub room: f64,
 }
 
@@ -78,7 +79,7 @@ impl Way {
         Rotation2::new(-self.heading) * (point - self.at)
     }
 
-    /// Returns the way as seen from another frame.
+    /// Returns the way in another frame; `frame` is the pose of this frame in the other one.
     #[must_use]
     pub fn moved(&self, frame: &Isometry2<f64>) -> Self {
         Self { at: (frame * Point2::from(self.at)).coords, heading: self.heading + frame.rotation.angle() }
@@ -86,9 +87,9 @@ impl Way {
 }
 
 impl Doorway {
-    /// Returns the door whose leaf is before the hand, by one sweep as `points` (m, base axes): `wall` and `leaf` are
-    /// lines in it, the leaf's normal the way the hand at `hand` (m) looks. None if the two are parallel, or the leaf
-    /// is not seen.
+    /// Returns the door whose leaf is before the hand, measured in one sweep of `points` (m, base axes). `wall` and
+    /// `leaf` are lines in this sweep. The leaf's normal points in the direction of the hand, which is at `hand` (m).
+    /// Returns none if wall and leaf are parallel, or the leaf is not seen.
     pub fn measured(points: &[Vector2<f64>], wall: &Line, leaf: &Line, hand: &Vector2<f64>) -> Option<Self> {
         let hinge = crossing(wall, leaf)?;
         let along = Vector2::new(-leaf.normal.y, leaf.normal.x);
@@ -100,8 +101,8 @@ impl Doorway {
         out.retain(|at| *at > from - GAP);
         out.sort_by(f64::total_cmp);
         let width = out.iter().fold(from, |end, at| if at - end < GAP { end.max(*at) } else { end });
-        // Lines have their normals away from the robot. Shut, the leaf's other face looks out, and its edge is at the
-        // latch.
+        // The normals of both lines point away from the robot. When the door is shut, the face before the hand looks
+        // out of the wall, and the leaf's edge is at the latch.
         let (face, out) = (-leaf.normal, -wall.normal);
         let quarter = face.perp(&to_edge).signum() * std::f64::consts::FRAC_PI_2;
         let latch = hinge + Rotation2::new(quarter) * out * width;
@@ -113,14 +114,14 @@ impl Doorway {
         (self.edge - self.hinge).norm()
     }
 
-    /// Returns how far it is open (rad), positive either way.
+    /// Returns how far the door is open (rad), positive for both directions of opening.
     pub fn angle(&self) -> f64 {
         let (shut, open) = (self.latch - self.hinge, self.edge - self.hinge);
         shut.perp(&open).abs().atan2(shut.dot(&open))
     }
 
-    /// Returns how far it has to be open (rad) for a disc of `radius` (m) to pass with a `margin` (m) on both sides;
-    /// none if it is too narrow for that.
+    /// Returns how far the door has to be open (rad) for a disc of `radius` (m) to pass with a `margin` (m) on both
+    /// sides; none if the door is too narrow.
     pub fn angle_needed(&self, radius: f64, margin: f64) -> Option<f64> {
         let sine = 2.0 * (radius + margin) / self.width();
         (sine <= 1.0).then(|| sine.asin())
@@ -131,7 +132,7 @@ impl Doorway {
         0.5 * self.width() * self.angle().min(std::f64::consts::FRAC_PI_2).sin()
     }
 
-    /// Returns the door as seen from another frame.
+    /// Returns the door in another frame; `frame` is the pose of this frame in the other one.
     #[must_use]
     pub fn moved(&self, frame: &Isometry2<f64>) -> Self {
         let at = |point: &Vector2<f64>| (frame * Point2::from(*point)).coords;
@@ -139,13 +140,13 @@ impl Doorway {
         Self { hinge, edge, latch, out: frame.rotation * self.out }
     }
 
-    /// Returns the way through it, from before the leaf's edge on: beside the leaf, or square to the wall if the leaf
-    /// is further open than that.
+    /// Returns the way through the door. It begins in front of the leaf's edge. It runs along the leaf, or square to
+    /// the wall if the leaf is open by more than a right angle.
     pub fn way(&self) -> Way {
         let to_edge = (self.edge - self.hinge) / self.width();
         let is_wide = self.angle() > std::f64::consts::FRAC_PI_2;
         let back = if is_wide { self.out } else { to_edge };
-        // In the middle between the latch and the line that the leaf or the hinge keeps it from.
+        // In the middle between the latch and the line through the hinge along the way.
         let aside = self.hinge - self.latch - back * back.dot(&(self.hinge - self.latch));
         let middle = self.latch + aside * 0.5;
         let before = back.dot(&(self.edge - middle)).max(0.0) + BASE_RADIUS + BEFORE;
@@ -163,7 +164,8 @@ impl Doorway {
         (self.out.dot(&(way.at - self.hinge)) + BASE_RADIUS + BEYOND) / slope.max(0.3)
     }
 
-    /// Returns the distance from the leaf to the straight stretch between two places (m).
+    /// Returns the distance from the leaf to the straight stretch between two places (m); 0 if the stretch crosses the
+    /// leaf.
     pub fn beside(&self, from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
         if crosses([from, to], [&self.hinge, &self.edge]) {
             return 0.0;
@@ -173,8 +175,8 @@ impl Doorway {
         ends.into_iter().chain(edges).map(|(point, a, b)| beside(point, a, b)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns by how much the leaf has turned since (rad), by a sweep as `points` (m, this door's frame); none if it
-    /// is out of sight, or turned by more than 30 degrees.
+    /// Returns by how much the leaf has turned since this measurement (rad), from a sweep of `points` (m, in the frame
+    /// of this door). Returns none if the leaf is out of sight or has turned by more than 0.5 rad.
     pub fn turned(&self, points: &[Vector2<f64>]) -> Option<f64> {
         const SPAN: f64 = 0.5;
         let (to_edge, width) = ((self.edge - self.hinge) / self.width(), self.width());
@@ -189,8 +191,8 @@ impl Doorway {
     }
 }
 
-/// Returns the widest straight corridor among `points` (m) near `guess`, over a `length` (m) from where that begins;
-/// none if it has not two sides.
+/// Returns the widest straight corridor among `points` (m) near `guess`. Only points within `length` (m) from the start
+/// of `guess` count. Returns none if the corridor does not have two sides or is too narrow.
 pub fn corridor(points: &[Vector2<f64>], guess: &Way, length: f64) -> Option<Corridor> {
     let turns = 0..=lossless(2.0 * TURN / TURN_STEP);
     let all = turns.filter_map(|step| {
@@ -234,7 +236,7 @@ pub(super) mod tests {
         doorway(angle, 0.9, mirror)
     }
 
-    /// Points every centimetre along stretches.
+    /// 101 points along each stretch.
     fn points(stretches: &[(Vector2<f64>, Vector2<f64>)]) -> Vec<Vector2<f64>> {
         let one = |(from, to): &(Vector2<f64>, Vector2<f64>)| {
             let (from, step) = (*from, (to - from) / 100.0);
@@ -243,7 +245,7 @@ pub(super) mod tests {
         stretches.iter().flat_map(one).collect()
     }
 
-    /// Returns the visible points of that door: the leaf and both walls.
+    /// Returns the visible points of a door: the leaf and both walls.
     fn seen(door: &Doorway) -> Vec<Vector2<f64>> {
         let beside = (door.latch - door.hinge).normalize();
         points(&[(door.hinge, door.edge), (door.latch, door.latch + beside), (door.hinge, door.hinge - beside)])
@@ -256,7 +258,7 @@ pub(super) mod tests {
                 let truth = door(angle, mirror);
                 let to_edge = (truth.edge - truth.hinge).normalize();
                 let face = Vector2::new(-angle.cos(), mirror * angle.sin());
-                // The robot stands square to the leaf, 0.9 m behind the hand; its frame has the leaf ahead.
+                // The robot stands square to the leaf, 0.85 m behind the hand; its frame has the leaf ahead.
                 let hand = truth.hinge + to_edge * 0.8 + face * 0.06;
                 let base = Isometry2::new(hand + face * 0.85, (-face).y.atan2((-face).x));
                 let from_base = base.inverse();
@@ -271,7 +273,7 @@ pub(super) mod tests {
                 let hand = (from_base * Point2::from(hand)).coords;
                 let got = Doorway::measured(&all, &wall, &leaf, &hand).unwrap_or_else(|| panic!("{angle} {mirror}"));
                 let wrong = (got.hinge - found.hinge).norm() + (got.edge - found.edge).norm();
-                // A step of the points along the leaf.
+                // The limit is a step between the points along the leaf.
                 assert!(wrong < 0.01, "{got:?} {found:?}");
                 assert!(
                     (got.latch - found.latch).norm() < 0.01 && (got.angle() - angle).abs() < 1e-6,
@@ -294,7 +296,7 @@ pub(super) mod tests {
                 assert!((nearest - door.room()).abs() < 1e-9, "{nearest} {} {angle}", door.room());
                 assert!(end.x > BASE_RADIUS && end.x < BASE_RADIUS + 0.5, "{end}");
                 assert!(way.at.x < door.edge.x - BASE_RADIUS, "{way:?}");
-                // From behind the leaf around its edge.
+                // The robot drives from behind the leaf around its edge.
                 let face = Vector2::new(-angle.cos(), mirror * angle.sin());
                 let behind = door.edge + face * 1.1;
                 let around = door.around();
@@ -313,7 +315,7 @@ pub(super) mod tests {
         for mirror in [1.0, -1.0] {
             let door = door(1.2, mirror);
             let way = door.way();
-            // Expected 8 cm to the side, and turned by 6 degrees.
+            // The expected way is 8 cm to the side and turned by 6 degrees.
             let wrong = Isometry2::new(Vector2::new(0.0, 0.08), 0.1);
             let guess = Way { at: way.at + wrong.translation.vector, heading: way.heading + wrong.rotation.angle() };
             let found = corridor(&seen(&door), &guess, door.length(&way)).unwrap();

@@ -4,7 +4,8 @@
 //! points. Then the hand follows the arc of a lever of medium length and rolls with it. It gives way to every force
 //! except the vertical one, so neither the lever's length nor the angle of its latch has to be known. The lever is down
 //! when it meets its stop, a force against the motion that rises steeply, or when the force drops. Only the force along
-//! the arc counts: a base that slips or catches up pulls at the lever from the side, which presses nothing.
+//! when it meets its stop, a force against the motion that rises steeply, or when the force drops. Only the force along
+//! the arc counts: a base that slips or catches up pulls at the lever from the side, which does not press it.
 //!
 //! Source: ours; constants found with the door model, for levers of 0.05 to 0.16 m that stop beyond 20 degrees.
 
@@ -15,11 +16,12 @@ use std::collections::VecDeque;
 
 /// Speed of the hand (m/s).
 pub const SPEED: f64 = 0.020;
-/// From the lever's axis to where it is held (m): a middling one.
+/// The assumed distance from the lever's axis to the hand (m): a lever of medium length.
 pub const LEVER: f64 = 0.10;
 /// No lever goes down further (m).
 pub const DEPTH_MAX: f64 = 0.16;
-/// A twist of the hand (Nm) that shows to which side the lever points, and one that shows that it was the other side.
+/// The twist of the hand (Nm) that shows to which side the lever points, and the twist that shows that this side was
+/// wrong.
 const TWIST: (f64, f64) = (0.2, 0.8);
 /// First the hand gives way to the force left from closing the fingers, until it is below this (N), or for this time
 /// (s).
@@ -33,41 +35,43 @@ const FORCE_MAX: f64 = 45.0;
 const STOP_SLOPE: f64 = 1700.0;
 /// The slope of a lever's spring stays below this (N/m).
 const SPRING_SLOPE: f64 = 600.0;
-/// Over this way, and over more, up to that, with a sensor that is so noisy that it takes more to be sure (m).
+/// The distance over which the slope is measured (m): at least the first value, and up to the second one with a noisy
+/// sensor.
 const SLOPE_WAY: (f64, f64) = (0.003, 0.008);
-/// So many deviations of the slope are sure.
+/// The number of standard deviations from which a slope is certain.
 const SURE: f64 = 4.0;
 /// The number of samples over which the noise is estimated.
 const NOISE_SAMPLES: f64 = 60.0;
-/// A force that has been this large (N) and drops below two fifths of it has given way.
+/// If the force has been this large (N) and drops below two fifths of its largest value, the lever has given way.
 const DROP_FROM: f64 = 12.0;
 /// A lever at its stop is eased until its force is at most this much above that of its spring (N), at this speed (m/s),
 /// for at most this time (s).
 const EASE: f64 = 5.0;
 const EASE_SPEED: f64 = 0.010;
 const EASE_TIME: f64 = 0.6;
-/// The fingers slip a little on the lever, so the hand rolls less than the lever turns.
+/// The roll of the hand as a share of the turn of the lever. The fingers slip a little on the lever, so the hand rolls
+/// less.
 pub const ROLL: f64 = 0.9;
 const CUTOFF: f64 = 12.0;
 
 /// The state of one pressing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Press {
-    /// The pose at which it began, once the hand has relaxed.
+    /// The height of the hand at which the press began (m); none until the hand has relaxed.
     height: Option<f64>,
     time: f64,
     give: Compliance,
-    /// From the robot's view, horizontal.
+    /// The horizontal direction to the robot's left (a unit vector, base axes).
     left: Vector3<f64>,
-    /// The direction of the lever, once known.
+    /// The direction in which the lever points, once known.
     lever: Option<Vector3<f64>>,
     filter: LowPass<3>,
     /// Depths (m) and forces (N) of the last few millimetres, as they were measured.
     way: VecDeque<(f64, f64)>,
     largest: f64,
-    /// At the stop: the force of the spring (N), and for how long the hand has eased since (s).
+    /// At the stop: the force of the spring (N), and for how long the hand has eased since then (s).
     eases: Option<(f64, f64)>,
-    /// Of the force upwards: the last sample (N), and how much samples differ by noise (N²).
+    /// The last sample of the force against the motion (N), and the variance of its noise (N²).
     last: Option<f64>,
     variance: f64,
 }
@@ -79,7 +83,7 @@ pub enum State {
     Pressing,
     /// The lever is at its stop, or has given way.
     Down,
-    /// The lever resists at once, or never does.
+    /// The lever resists at once, or it never resists.
     Stuck,
 }
 
@@ -88,14 +92,14 @@ pub enum State {
 pub struct Down {
     /// Velocity of the hand (m/s, rad/s, tool axes).
     pub twist_in_tool: Vector6<f64>,
-    /// The way of the hand downwards (m).
+    /// How far the hand has moved downwards (m).
     pub depth: f64,
     /// The state of the lever.
     pub state: State,
 }
 
 impl Press {
-    /// Begins with the hand at `base_from_tool`, facing the door.
+    /// Begins with the hand at `base_from_tool` (m, base frame), facing the door.
     pub fn new(base_from_tool: &Isometry3<f64>) -> Self {
         let ahead = base_from_tool.rotation * Vector3::z();
         let left = Vector3::z().cross(&ahead).try_normalize(1e-6).unwrap_or_else(Vector3::y);
@@ -114,8 +118,8 @@ impl Press {
         }
     }
 
-    /// Takes the pose of the hand and the wrench on it (N, Nm, tool axes), `dt` (s) after the last call; `delay` (s) is
-    /// that of the force loop.
+    /// Takes the pose of the hand and the wrench on it (N, Nm, tool axes), `dt` (s) after the last call. `delay` (s) is
+    /// the delay of the force loop.
     pub fn update(
         &mut self,
         base_from_tool: &Isometry3<f64>,
@@ -149,7 +153,7 @@ impl Press {
         if twist.abs() > enough {
             let lever = self.left * -twist.signum();
             if self.lever.replace(lever) != Some(lever) {
-                // Forces along another arc are not to be compared with those before.
+                // Forces along the new arc cannot be compared with the earlier ones.
                 self.way.clear();
                 self.last = None;
             }
@@ -170,7 +174,8 @@ impl Press {
         }
     }
 
-    /// The speed of the hand downwards (m/s): back from the stop until hardly more than the lever's spring is left.
+    /// Returns the state of the lever and the speed of the hand downwards (m/s). At the stop the hand moves back until
+    /// the force is hardly larger than the force of the lever's spring.
     fn ease(&mut self, state: State, felt: f64, dt: f64) -> (State, f64) {
         if state == State::Down && self.eases.is_none() {
             let spring = self.way.iter().map(|(_, felt)| *felt).fold(felt, f64::min);
@@ -182,16 +187,17 @@ impl Press {
         (if is_easy { State::Down } else { State::Pressing }, -EASE_SPEED)
     }
 
-    /// The way the lever's end goes at a depth (m), a unit vector: straight down until it is known to which side it
-    /// points.
+    /// Returns the direction in which the lever's end moves at `depth` (m), a unit vector. It is straight down until
+    /// the side to which the lever points is known.
     fn along(&self, depth: f64) -> Vector3<f64> {
         let Some(lever) = self.lever else { return -Vector3::z() };
         let (s, c) = (depth / LEVER).clamp(0.0, 0.9).asin().sin_cos();
         -Vector3::z() * c - lever * s
     }
 
-    /// The way (m) that tells the slope of a stop from that of a spring, with samples so far apart (m): that of a
-    /// line's slope, deviation / way / sqrt(samples / 12), is to be small enough.
+    /// Returns the distance (m) over which a stop's slope can be distinguished from a spring's slope, with samples
+    /// `apart` (m) from each other. The deviation of a line's slope, deviation / way / sqrt(samples / 12), has to be
+    /// small enough.
     fn slope_way(&self, apart: f64) -> f64 {
         let enough = (STOP_SLOPE - SPRING_SLOPE) / SURE;
         let way = ((12.0 * apart * self.variance).sqrt() / enough).powf(2.0 / 3.0);
@@ -251,13 +257,13 @@ mod tests {
     }
 
     impl Lever {
-        /// The hand faces x; returns how it ended and how deep it was, and the largest force.
+        /// Presses with a hand that faces x. Returns the final state, the depth (m) and the largest force (N).
         fn press(&self) -> (State, f64, f64) {
             let (state, depth, peak, _) = self.press_and_hold();
             (state, depth, peak)
         }
 
-        /// As [`Lever::press`] does; the force in the end besides.
+        /// Like [`Lever::press`], and also returns the force in the end (N).
         fn press_and_hold(&self) -> (State, f64, f64, f64) {
             let axes = [Vector3::y(), Vector3::z(), Vector3::x()];
             let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&axes));

@@ -36,7 +36,7 @@ pub const DOOR_POSTURE_DEG: [f64; 6] = [0.0, 45.0, -180.0, 0.0, 45.0, 90.0];
 /// The pose of the tool, and its motion with the joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Forward {
-    /// Pose of the tool in the base frame.
+    /// Pose of the tool in the base frame (m).
     pub base_from_tool: Isometry3<f64>,
     /// Jacobian (6×6): joint rates to velocity of the grasp point (rows 0-2, m/s) and angular velocity (rows 3-5, rad/s),
     /// both along the axes of the base frame.
@@ -76,7 +76,8 @@ pub fn forward(q: &Joints) -> Forward {
     Forward { base_from_tool, jacobian_in_base }
 }
 
-/// Returns the joint rates (rad/s) that move the hand with `twist_in_tool` (m/s, rad/s, tool axes), base at rest.
+/// Returns the joint rates (rad/s) that move the hand with `twist_in_tool` (m/s, rad/s, tool axes), base at rest. If
+/// one rate exceeds [`RATES_MAX`], all are reduced by the same factor.
 ///
 /// Damped least squares with a damping of 0.05: exact to a percent away from singular postures, bounded at them.
 /// Source: Nakamura and Hanafusa, J. Dynamic Systems 108, 1986.
@@ -93,7 +94,7 @@ pub fn rates_for(q: &Joints, twist_in_tool: &Vector6<f64>) -> Joints {
     rates / scaling
 }
 
-/// From the wrist's centre to where the fingers begin (m).
+/// The distance from the wrist's centre to where the fingers begin (m).
 pub const WRIST_LENGTH: f64 = 0.10;
 
 /// Returns shoulder, elbow, wrist's centre and where the fingers begin, for joint angles `q` (rad), base frame (m).
@@ -107,7 +108,7 @@ pub fn outline(q: &Joints) -> [Vector3<f64>; 4] {
     [origins[0], origins[1], origins[3], fingers]
 }
 
-/// Rz(q) Tz(d) Tx(a) Rx(alpha).
+/// Returns the transform of joint `i` at the angle `q` (rad): Rz(q) Tz(d) Tx(a) Rx(alpha).
 fn link(i: usize, q: f64) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), q);
     let offset = turn * Vector3::new(A[i], 0.0, 0.0) + Vector3::new(0.0, 0.0, D[i]);

@@ -1,14 +1,14 @@
-//! Redundancy resolution: one hand velocity to nine rates of base and arm.
+//! Redundancy resolution: from one velocity of the hand to nine rates of base and arm.
 //!
-//! A weighted, damped pseudo-inverse with a null-space motion. The base is heavier than the arm, and a joint that moves
-//! towards its limit gets heavier. Near a singularity the damping grows. A command that is too fast is scaled as a
-//! whole, so the hand keeps its direction. Accelerations are limited. Finally the quick arm compensates for the slow
-//! base: a model of the base's lag gives the motion that is missing at the hand, and the arm adds it. Without this, a
-//! stop at the handle overran by 2 mm, which cost 19 N.
+//! The law is a weighted, damped pseudo-inverse with a null-space motion. The base has a larger weight than the arm,
+//! and the weight of a joint grows while it moves towards its limit. Near a singularity the damping grows. A command
+//! that is too fast is scaled as a whole, so the hand keeps its direction. Accelerations are limited. Finally the quick
+//! arm compensates for the slow base: a model of the base's lag gives the motion that is missing at the hand, and the
+//! arm adds it. Without this, a stop at the handle overran by 2 mm, which cost 19 N.
 //!
-//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that shall be steady gives
-//! its turn to joint 1, and neither the hand nor the outline of the robot notices. When the robot comes to rest, the arm
-//! alone moves the hand.
+//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that must be steady hands
+//! its turn to joint 1, which changes neither the motion of the hand nor the outline of the robot. When the robot comes
+//! to rest, the arm alone moves the hand.
 //!
 //! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of
 //! theirs, the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini,
@@ -39,7 +39,7 @@ const SINGULAR_BELOW: f64 = 0.10;
 const DAMPING: f64 = 0.08;
 const ARM_DAMPING: f64 = 0.05;
 
-/// Rates and how hard it was to find them.
+/// The rates, with measures of how difficult the command was.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Resolved {
     /// The rates to command.
@@ -57,21 +57,22 @@ pub struct Motion {
     pub twist_in_tool: Vector6<f64>,
     /// A desired motion in the null space: it does not move the hand.
     pub null: Rates,
-    /// The base does not turn.
+    /// Whether the base must not turn.
     pub steady: bool,
-    /// The base comes to rest, and the arm alone moves the hand.
+    /// Whether the base comes to rest, so that the arm alone moves the hand.
     pub rests: bool,
 }
 
-/// Remembers the last command, for the joint-limit weights and the acceleration limits, and the modelled response of
-/// the base.
+/// Resolves motions. It remembers the last command, for the joint-limit weights and the acceleration limits, and the
+/// modelled response of the base.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Resolver {
     previous: Rates,
     base: Vector3<f64>,
 }
 
-/// Returns the whole-body Jacobian (6×9) along base axes: base x, y, yaw, then the arm.
+/// Returns the whole-body Jacobian (6×9). The columns are base x, y (m/s), yaw (rad/s), then the arm (rad/s). The rows are
+/// the velocity (m/s) and the angular velocity (rad/s) of the hand, along base axes.
 pub fn jacobian_in_base(forward: &Forward) -> SMatrix<f64, 6, 9> {
     let mut jacobian = SMatrix::<f64, 6, 9>::zeros();
     jacobian[(0, 0)] = 1.0;
@@ -98,7 +99,7 @@ impl Resolver {
         &self.previous
     }
 
-    /// Begins again from rates that the robot has now.
+    /// Begins again from the rates that the robot has now.
     pub fn restart(&mut self, rates: Rates) {
         self.previous = rates;
         self.base = rates.fixed_rows::<3>(0).into();
@@ -144,7 +145,8 @@ impl Resolver {
         Resolved { rates: self.limited(&jacobian, wanted / scaling, dt), singular_value_min, scaling }
     }
 
-    /// Returns the rates on the way to rest.
+    /// Returns the next rates of a robot that comes to rest. The joints are at `q` (rad), and `dt` (s) is the time
+    /// since the last call.
     pub fn rest(&mut self, q: &Joints, dt: f64) -> Rates {
         self.limited(&jacobian_in_base(&puma560::forward(q)), Rates::zeros(), dt)
     }
@@ -259,7 +261,7 @@ mod tests {
         assert!((got.norm() - 3.0).abs() < 1e-9);
         let first = Resolver::default().resolve(&q, &motion(twist, Rates::zeros()), 0.01).rates;
         assert!(first.iter().skip(3).all(|rate| rate.abs() <= 0.06 + 1e-12));
-        // From rest, the base accelerates the way it will go.
+        // From rest, the base accelerates in the direction in which it will go.
         let (first, wanted) = (first.fixed_rows::<3>(0), resolved.rates.fixed_rows::<3>(0));
         assert!((first.normalize() - wanted.normalize()).norm() < 1e-9, "{first} {wanted}");
     }

@@ -11,21 +11,22 @@ pub const IMAGE: [f64; 2] = [640.0, 480.0];
 pub const CAMERA_BEHIND: f64 = 0.12;
 /// The marks on the lever (m, handle frame: x along the lever, z into the door, origin where it is held).
 pub const MARKS: [[f64; 3]; 4] = [[-0.05, -0.015, 0.0], [-0.05, 0.015, 0.0], [0.04, -0.012, 0.0], [0.04, 0.012, 0.0]];
-/// (1/s) far from the goal and at it; at 0.9 half a pixel of noise turned the hand by up to 1.7 degrees.
+/// The gain far from the goal and at the goal (1/s). At 0.9, half a pixel of noise turned the hand by up to 1.7
+/// degrees.
 const GAIN: (f64, f64) = (0.8, 0.4);
 /// The image errors at which the handle counts as far, and as reached (px).
 const FAR: (f64, f64) = (40.0, 8.0);
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
-/// The most steps of a singular value decomposition; some 20 are usual.
+/// The largest number of steps of a singular value decomposition; some 20 are usual.
 const SVD_STEPS: usize = 500;
 
-/// The calibration of the camera, and its distance from the handle in the end. It is measured on each robot.
+/// The focal length of the camera, and its final distance from the handle. The calibration is measured on each robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// Focal length (px).
     pub focal: f64,
-    /// From the camera to the lever when the hand stands before it (m).
+    /// The distance from the camera to the lever when the hand stands before the lever (m).
     pub standoff: f64,
 }
 
@@ -49,12 +50,12 @@ pub struct Mark {
 pub struct Servo {
     /// Velocity of the hand (m/s, rad/s, tool axes, at the grasp point).
     pub twist_in_tool: Vector6<f64>,
-    /// The largest distance of a mark from where it should be, along one image axis (px).
+    /// The largest distance of a mark from its goal, along one image axis (px).
     pub error: f64,
 }
 
-/// Returns where a point of the camera frame (m) appears at a focal length (px), if it is in front and within the
-/// image.
+/// Returns where a point of the camera frame (m) appears in the image, with the focal length `focal` (px). Returns none
+/// if the point is not in front of the camera, or not within the image.
 pub fn project(point_in_camera: &Vector3<f64>, focal: f64) -> Option<Mark> {
     let (x, y, depth) = (point_in_camera.x, point_in_camera.y, point_in_camera.z);
     if depth < 0.02 {
@@ -65,12 +66,12 @@ pub fn project(point_in_camera: &Vector3<f64>, focal: f64) -> Option<Mark> {
     inside.then_some(Mark { pixel, depth })
 }
 
-/// The way round in which the hand takes the lever: fingers are the same both ways.
+/// The orientation in which the hand takes the lever. The fingers are symmetric, so there are two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// The tool's x axis along the lever, away from its axis.
+    /// The tool's x axis points along the lever, away from the lever's axis.
     Along,
-    /// The other way.
+    /// The tool's x axis points in the opposite direction.
     Against,
 }
 
@@ -82,14 +83,14 @@ impl Way {
         }
     }
 
-    /// Returns the way that the hand has to turn less for.
+    /// Returns the orientation for which the hand has to turn less.
     pub fn nearer(seen: &[Mark; 4]) -> Self {
         let column = |a: usize, b: usize| seen[a].pixel[0] + seen[b].pixel[0];
         if column(2, 3) >= column(0, 1) { Self::Along } else { Self::Against }
     }
 }
 
-/// Returns how far each mark is from where it should be, column and row in turn (px).
+/// Returns the distance of each mark from its goal (px): column and row of each mark in turn.
 pub fn errors(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> SVector<f64, 8> {
     let turned = way.turned();
     SVector::from_fn(|i, _| {
@@ -99,8 +100,8 @@ pub fn errors(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> SVector<
     })
 }
 
-/// Returns the velocity that brings the four marks to where they belong. Marks with numbers that are not finite, or too
-/// large to calculate with, move nothing, and their error is infinite.
+/// Returns the velocity that brings the four marks to their goals. If a number in the calculation is not finite, the
+/// velocity is zero and the error is infinite.
 pub fn servo(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> Servo {
     let focal = calibration.focal;
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();

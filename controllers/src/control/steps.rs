@@ -1,15 +1,16 @@
-//! The way that a hand has gone, by two accounts that come in bursts.
+//! How far a hand has moved, by its measured and by its commanded motion, which both arrive in bursts.
 //!
-//! A measured motion counts only as far as it was commanded, for wheels may spin. A commanded one counts only as far as it was measured.
+//! A measured motion counts only as far as it was commanded, because wheels may spin. A commanded motion counts only as
+//! far as it was measured.
 //!
 //! Source: ours.
 
 /// A burst of motion is no longer than this (m).
 const BURST: f64 = 0.02;
 
-/// The measured motion and the commanded motion, each without the part that the other has confirmed (m). Samples and
-/// calculations of a busy machine come in bursts: a step that is longer than its calculation is the rest of an earlier
-/// step.
+/// The measured and the commanded motion, each without the part that the other one has confirmed (m). On a busy
+/// machine, samples and calculations come in bursts: if a measured step is longer than the commanded one, it contains
+/// the rest of an earlier step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Steps {
     measured: f64,
@@ -17,7 +18,7 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// Takes both (m); returns the step that both bear out.
+    /// Takes the measured and the commanded motion since the last call (m). Returns the part that both confirm (m).
     pub fn take(&mut self, measured: f64, commanded: f64) -> f64 {
         (self.measured, self.commanded) = (self.measured + measured, self.commanded + commanded);
         let step = self.measured.min(self.commanded).max(0.0);

@@ -1,25 +1,25 @@
-//! The direction in which a door opens, and how it is found out: gently in either direction first.
+//! The direction in which a door opens, and the attempts that find it: first gently in both directions.
 
-/// The pull at which the hand stops: at first, and for a door that has not moved for some time (N).
+/// The pull at which the hand stops (N): at first, and for a door that has not moved for some time.
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
-/// The greatest allowed sum of pull and lever force (N).
+/// The greatest allowed vector sum of the pull and the force across it, such as the lever's (N).
 pub const TOTAL_MAX: f64 = 72.0;
-/// Tried in this order while the opening direction is unknown (N).
+/// The gentle attempts while the direction of opening is unknown (N): pull, push, pull, push.
 const GENTLE: [Attempt; 4] = [
     Attempt { pull: 40.0, total: 48.0 },
     Attempt { pull: 40.0, total: 50.0 },
     Attempt { pull: 46.0, total: 54.0 },
     Attempt { pull: 55.0, total: 58.0 },
 ];
-/// The same for a door that does not move with that.
+/// The attempt for a door that does not move with these forces, or whose direction of opening is known.
 pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 
-/// The forces of one try (N).
+/// The forces of one attempt (N).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// The pull at which the hand finally stops.
+    /// The pull at which the hand finally stops (N).
     pub pull: f64,
-    /// The greatest allowed sum of pull and lever force (N).
+    /// The greatest allowed vector sum of the pull and the force across it, such as the lever's (N).
     pub total: f64,
 }
 
@@ -28,19 +28,19 @@ pub struct Attempt {
 pub enum Swing {
     /// Towards the robot.
     Pull,
-    /// Away from it.
+    /// Away from the robot.
     Push,
 }
 
 /// The direction in which the door opens, as far as known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Opens {
-    /// The hand finds it out.
+    /// The direction is unknown. The hand finds it out.
     #[default]
     Either,
     /// Towards the robot.
     Pull,
-    /// Away from it.
+    /// Away from the robot.
     Push,
 }
 

@@ -1,10 +1,10 @@
 //! The stance of a robot that pushes a door open: its base goes into the opening, not into the jambs.
 //!
-//! A hand that stays square to the leaf would drive the forearm through the jamb on the side of the latch at 10
-//! degrees. So the hand turns about the handle, which turns between the fingers, until the base is in the opening when
-//! it arrives there. Base and arm are treated as one rigid body that turns about the handle. Additional motion within
-//! the arm's redundancy is only requested from the base. All lengths are measured from the first position of the
-//! handle, towards the hinge and into the wall.
+//! If the hand stayed square to the leaf, the forearm would meet the jamb on the side of the latch at a door angle of
+//! 10 degrees. So the hand turns about the handle, which turns between the fingers, until the base can enter the
+//! opening without meeting a jamb. Base and arm are treated as one rigid body that turns about the handle. Additional
+//! motion within the arm's redundancy is only requested from the base. All lengths are measured from the first position
+//! of the handle, towards the hinge and into the wall.
 //!
 //! Source: ours; the margins are those of `specs/door_through.dca`.
 
@@ -14,13 +14,15 @@ use nalgebra::Vector2;
 
 /// The room that has to be free on each side of the base (m).
 const MARGIN: f64 = 0.06;
-/// From the handle to the latch's jamb, and from the hinge to its jamb (m); the first is for a narrow frame.
+/// The distance from the handle to the jamb at the latch, and from the hinge to the jamb at the hinge (m). The first
+/// value is for a narrow frame.
 const LATCH: f64 = 0.09;
 const JAMB: f64 = 0.01;
-/// Hand and leaf are turned against each other by no more than this if the opening leaves a choice (rad), and never by
-/// more than that: the wrist would meet the leaf.
+/// The greatest angle between hand and leaf if the opening leaves a choice, and the greatest angle in any case (rad).
+/// Beyond the second value the wrist would meet the leaf.
 const ASKEW: (f64, f64) = (0.70, 1.25);
-/// The hand begins to turn at this angle of the door (rad), and has to be on its way by that.
+/// The angle of the door at which the hand begins to turn, and the angle from which the hand follows its goal fully
+/// (rad).
 const FROM: (f64, f64) = (0.03, 0.28);
 /// The gain with which the hand approaches its angle (1/s), and its largest rate (rad/s).
 const GAIN: f64 = 2.0;
@@ -28,35 +30,35 @@ const RATE_MAX: f64 = 0.30;
 /// The lag of the hand (rad) at which the door begins to wait, and the lag at which it is slowest.
 const BEHIND: (f64, f64) = (0.05, 0.30);
 const PACE_MIN: f64 = 0.2;
-/// The motion of the base besides: the gain with which it approaches its place (1/s), and its largest speed (m/s).
+/// The additional motion of the base: the gain with which it approaches its place (1/s), and its largest speed (m/s).
 const BASE_GAIN: f64 = 1.0;
 const BASE_MAX: f64 = 0.12;
 
 /// The place of the robot, seen from above in a frame that does not move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stance {
-    /// (m).
+    /// The position of the hand (m).
     pub hand: Vector2<f64>,
-    /// The way the hand faces, a unit vector.
+    /// The direction in which the hand faces, a unit vector.
     pub ahead: Vector2<f64>,
-    /// (m).
+    /// The position of the middle of the base (m).
     pub base: Vector2<f64>,
 }
 
 /// The motion that the law asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn {
-    /// Of the hand about the vertical (rad/s), counter-clockwise.
+    /// The turn rate of the hand about the vertical (rad/s), positive counter-clockwise.
     pub rate: f64,
     /// The share of its speed that the door may use during the turn, at most 1.
     pub pace: f64,
-    /// The angle of the door by the way the handle goes (rad).
+    /// The angle of the door (rad), from the direction in which the handle moves.
     pub angle: f64,
-    /// Of the base, as far as the hand does not notice (m/s), in the frame of the stances.
+    /// The additional velocity of the base, which does not move the hand (m/s), in the frame of the stances.
     pub base: Vector2<f64>,
 }
 
-/// The plan of one door.
+/// The geometry of one door, taken from the stance before the shut door.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Swivel {
     handle: Vector2<f64>,
@@ -71,19 +73,19 @@ impl Swivel {
         Self { handle: start.hand, ahead: start.ahead, side }
     }
 
-    /// Returns a vector as its parts into the wall and towards the hinge.
+    /// Returns the components of a vector into the wall and towards the hinge.
     fn seen(&self, vector: &Vector2<f64>) -> Vector2<f64> {
         Vector2::new(self.ahead.dot(vector), self.side * self.ahead.perp(vector))
     }
 
-    /// Takes the stance, how far the handle's way goes counter-clockwise beside the hand's axis (rad), and the distance
-    /// of the hinge (m).
+    /// Takes the stance. `beside` is the angle from the hand's axis to the path of the handle (rad, counter-clockwise),
+    /// and `radius` the distance of the hinge (m). Returns the motion that the law asks for.
     pub fn turn(&self, now: &Stance, beside: f64, radius: f64) -> Turn {
         let ahead = self.seen(&now.ahead);
         let turned = ahead.y.atan2(ahead.x);
         let angle = turned + self.side * beside;
         let hand = self.seen(&(now.hand - self.handle)).y;
-        // The base as the hand sees it, which turns with it.
+        // The position of the base relative to the hand, in axes that turn with the hand.
         let arm = self.seen(&(now.base - now.hand));
         let (s, c) = turned.sin_cos();
         let arm = Vector2::new(c * arm.x + s * arm.y, c * arm.y - s * arm.x);
@@ -113,7 +115,8 @@ mod tests {
     use super::*;
     use nalgebra::Rotation2;
 
-    /// The jambs of a hinge on the left, in the frame of the handle: corners of the latch's and of the hinge's.
+    /// Returns the clearance between base and jambs (m) for a hinge on the left, in the frame of the handle. The
+    /// corners belong to the jambs at the latch and at the hinge.
     fn room(base: &Vector2<f64>, radius: f64) -> f64 {
         let corners = [Vector2::new(0.0, -0.09), Vector2::new(-0.05, -0.09), Vector2::new(0.0, radius + 0.01)];
         let corner = corners.iter().map(|corner| (base - corner).norm()).fold(f64::INFINITY, f64::min);

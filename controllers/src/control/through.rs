@@ -1,9 +1,9 @@
-//! The drive through an open door: back from the handle, fold the arm, around the leaf's edge, look, and straight
-//! through.
+//! The drive through an open door: the robot backs away from the handle, folds the arm, drives around the leaf's edge,
+//! looks, and drives straight through.
 //!
-//! The door is measured twice: beside the leaf, for the way around it, and before the opening, at rest, for the way
-//! through. On the way through each sweep corrects the line until the jambs are beside the laser; the last half metre
-//! is straight on.
+//! The door is measured twice: beside the leaf, for the way around it, and in front of the opening, at rest, for the
+//! way through. On the way through each sweep corrects the line until the jambs are beside the laser. From there on the
+//! robot drives straight on.
 //!
 //! Source: ours.
 
@@ -30,17 +30,18 @@ const SLOW: f64 = 0.15;
 const TURN_SPEED: f64 = 0.40;
 const GAIN: f64 = 1.2;
 const GENTLE: f64 = 0.35;
-/// A place is reached so near it (m), a heading so near (rad); and a place that is only passed (m).
+/// The distance at which a place is reached (m), the angle at which a heading is reached (rad), and the distance at
+/// which a place on the way is passed (m).
 const THERE: f64 = 0.015;
 const TURNED: f64 = 0.02;
 const PASSED: f64 = 0.12;
 /// The distance to the place on its way that the base steers for (m).
 const AHEAD: f64 = 0.35;
-/// So many sweeps are looked at before the opening.
+/// The number of sweeps that are measured in front of the opening.
 const LOOKS: u32 = 10;
 /// The weight of each sweep in the estimate of a corridor.
 const SHARE: f64 = 0.2;
-/// The largest growth of the opening from one sweep to the next (m).
+/// How much more room on each side than the estimate a corridor in a later sweep may have (m).
 const TOLERANCE: f64 = 0.02;
 /// The remaining distance (m) at which the jambs are beside the laser. From there the base drives straight on.
 const BLIND: f64 = 1.05;
@@ -54,25 +55,25 @@ const GUESS: f64 = 0.03;
 /// The measurements of one sweep of the laser.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
-    /// In base axes (m).
+    /// The points that the rays have met (m, base axes).
     pub points: Vec<Vector2<f64>>,
-    /// The pose of the base then, in the odometry frame.
+    /// The pose of the base at the time of the sweep, in the odometry frame.
     pub from: Pose,
-    /// The joints then (rad).
+    /// The joint angles at the time of the sweep (rad).
     pub joints: Joints,
 }
 
-/// A reason why the robot is not through.
+/// A reason why the robot cannot drive through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failure {
     /// The leaf does not stay where it was let go.
     Closes,
-    /// The base would pass with less than the margin: this much is missing (m). The leaf has to be open by that angle
-    /// (rad), if any helps.
+    /// The base would pass with less than the margin. The first value is the missing width (m). The second value is the
+    /// angle by which the leaf has to be open (rad), if any angle helps.
     Narrow(f64, Option<f64>),
-    /// From the opening its two sides are not seen.
+    /// The two sides of the opening are not seen.
     Unseen,
-    /// Something is too near.
+    /// Something is too near the robot.
     Room,
 }
 
@@ -104,7 +105,7 @@ pub struct Drive {
     door: Doorway,
     way: Way,
     stage: Stage,
-    /// From the way to the nearest on each side, as measured last (m).
+    /// The estimated distance from the way to the nearest point on each side (m).
     room: Option<f64>,
     /// In how many sweeps in a row the leaf was not seen.
     unseen: u32,
@@ -112,8 +113,8 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Returns the drive through `door` (m, odometry frame) from a base at `base`, with the hand at `base_from_tool`,
-    /// that keeps `margin` (m) to each side.
+    /// Returns the drive through `door` (m, odometry frame). The base is at `base` (odometry frame), and the hand at
+    /// `base_from_tool`. The drive keeps `margin` (m) to each side.
     ///
     /// # Errors
     /// If the door is certainly too narrow, or not open far enough.
@@ -132,7 +133,7 @@ impl Drive {
         self.room.map(|room| room - BASE_RADIUS)
     }
 
-    /// Returns which part of the drive it is, from 1.
+    /// Returns the number of the present stage of the drive, from 1 to 6.
     pub fn stage(&self) -> u8 {
         match self.stage {
             Stage::Back { .. } => 1,
@@ -144,7 +145,7 @@ impl Drive {
         }
     }
 
-    /// Takes where the base is in the odometry frame, the joints (rad), and a sweep if there is a new one, `dt` (s)
+    /// Takes the pose of the base (odometry frame), the joint angles (rad), and a new sweep if there is one, `dt` (s)
     /// after the last call.
     pub fn update(&mut self, base: &Pose, joints: &Joints, sweep: Option<&Sweep>, dt: f64) -> Step {
         if let Some(failure) = sweep.and_then(|sweep| self.look(sweep)) {
@@ -156,7 +157,7 @@ impl Drive {
         Step::Move(Rates::from_fn(|i, _| if i < 3 { self.base[i] } else { arm[i - 3] }))
     }
 
-    /// Returns the reason in a sweep against going on, if there is one.
+    /// Returns the reason against going on that a sweep shows, if there is one.
     fn look(&mut self, sweep: &Sweep) -> Option<Failure> {
         if clearance(&sweep.points, &sweep.joints).is_some_and(|room| room < ROOM_MIN) {
             return Some(Failure::Room);
@@ -213,7 +214,7 @@ impl Drive {
         *room += (found.room - *room) * share;
     }
 
-    /// The velocity of base (base axes) and arm; none when it is through.
+    /// Returns the velocities of the base (base axes) and of the joints; none once the base is through.
     fn advance(&mut self, base: &Pose, joints: &Joints) -> Option<([f64; 3], Joints)> {
         let folded = folded(joints);
         let arm = towards_folded(joints, &folded);
@@ -250,7 +251,7 @@ impl Drive {
                 if at.x > length - THERE {
                     return None;
                 }
-                // Onto the line first, then along it.
+                // The base first drives onto the line, then along it.
                 let ahead = if at.y.abs() < 2.0 * THERE || at.x > AHEAD { AHEAD } else { 0.0 };
                 (self.way.at + self.way.along() * (at.x.max(0.0) + ahead).min(length), self.way.heading, SLOW)
             }
@@ -264,7 +265,7 @@ fn folded(joints: &Joints) -> Joints {
     Joints::from_fn(|i, _| FOLDED_DEG.get(i).map_or(joints[i], |angle| angle.to_radians()))
 }
 
-/// All joints together, so that the hand comes in before it comes up.
+/// Returns the rates that move all joints together (rad/s), so that the hand comes in before it comes up.
 fn towards_folded(joints: &Joints, folded: &Joints) -> Joints {
     let wanted = (folded - joints) * FOLD_GAIN;
     wanted / (wanted.amax() / FOLD_SPEED).max(1.0)
@@ -380,7 +381,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_said() {
-        // By the leaf alone: 0.70 m for 0.72 m, and 0.9 m at 40 degrees.
+        // The leaf alone shows that the passage is narrow: 0.66 m where 0.72 m are needed, and a leaf of 0.9 m at 40 degrees.
         let narrow = door(FRAC_PI_2, 0.66, 1.0);
         let Step::Failed(Failure::Narrow(missing, None)) = drive(&narrow, &narrow, 1.0).0 else { panic!("it passes") };
         assert!((missing - 0.06).abs() < 1e-6, "{missing}");
@@ -389,7 +390,7 @@ mod tests {
             panic!("it passes")
         };
         assert!((missing - (0.72 - 0.9 * 0.7f64.sin())).abs() < 1e-6 && (needed - 0.8f64.asin()).abs() < 1e-6);
-        // The measurement just before the opening decides: a jamb that could not be seen from behind the leaf.
+        // The measurement in front of the opening decides: it shows a jamb that was hidden behind the leaf.
         let told = door(1.3, 0.9, 1.0);
         let mut truth = told;
         truth.latch.y += 0.20;
@@ -422,7 +423,7 @@ mod tests {
         }
         let tool = puma560::forward(&joints).base_from_tool.translation.vector;
         assert!(tool.xy().norm() < BASE_RADIUS, "{tool}");
-        // On the way there the hand reaches out by a centimetre or two, of the 25 that it has backed away.
+        // While the arm folds, the hand reaches out by a centimetre or two. It has backed away by 25.
         let reach = |at: &Joints| puma560::forward(at).base_from_tool.translation.vector.xy().norm();
         let (mut at, from) = (puma560::door_posture(), reach(&puma560::door_posture()));
         while (joints - at).amax() > FOLDED {

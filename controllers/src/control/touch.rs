@@ -1,10 +1,10 @@
-//! A force that rises by more than its own noise.
+//! Detects a force that rises by more than its own noise.
 //!
 //! A fixed number of samples above a threshold sees touches that are noise: with 3.6 N of noise on each axis, three
-//! samples in a row are beyond 5 N many times a second. So the noise is measured, from how samples differ from the ones
-//! before, and means over longer and longer windows are each held against the threshold and against what noise makes of
-//! such a mean. A stiff touch rises so quickly that the shortest window sees it; a soft one waits for a longer. A touch
-//! stays: a mean that vanishes without its largest samples is a spike of the sensor.
+//! samples in a row are beyond 5 N many times a second. So the noise is measured, from the differences between
+//! successive samples. Means over several windows of increasing length are each compared with the threshold and with
+//! the noise of such a mean. A stiff touch rises so quickly that the shortest window sees it; a soft touch needs a
+//! longer window. A touch stays: if a mean vanishes without its largest samples, it is a spike of the sensor.
 //!
 //! Source: sliding windows of a generalised likelihood ratio, Basseville and Nikiforov, "Detection of Abrupt Changes",
 //! 1993, section 2.4; the windows are ours.
@@ -14,14 +14,15 @@ use std::collections::VecDeque;
 
 /// Lengths of the windows, in samples.
 const WINDOWS: [usize; 4] = [3, 6, 12, 24];
-/// The numbers of largest samples without which a window has to be above this share of the threshold.
+/// The number of largest samples that each window leaves out. The mean of its other samples has to be above the share
+/// `STAYS` of the threshold.
 const SPIKES: [usize; 4] = [2, 3, 4, 6];
 const STAYS: f64 = 0.25;
-/// As many deviations as a mean of three axes exceeds once in some 10⁶ windows.
+/// The number of standard deviations that the noise of a mean of three axes exceeds once in some 10⁶ windows.
 const SURE: f64 = 5.5;
 /// The limit up to which a step counts as noise, as a multiple of the variance.
 const SPIKE: f64 = 16.0;
-/// The number of samples over which the noise is estimated, and before which nothing is reported.
+/// The number of samples over which the noise is estimated, and the number of samples before which nothing is reported.
 const MEMORY: f64 = 125.0;
 const FIRST: u32 = 12;
 /// The ratio of the mean of the steps to their median: for three axes it is 1.27, and a few samples may give less.
@@ -45,7 +46,8 @@ pub struct Touch {
 }
 
 impl Touch {
-    /// Begins. A force that stays for longer than `forgets` (s) becomes part of the background.
+    /// Begins. A force that stays for longer than `forgets` (s) becomes part of the background. With none, the
+    /// background is zero.
     pub fn new(forgets: Option<f64>) -> Self {
         Self {
             forgets,
@@ -81,7 +83,7 @@ impl Touch {
         if let Some(last) = self.last {
             // Two samples, three axes.
             let step = (force - last).norm_squared() / 6.0;
-            // A spike does not count as noise.
+            // A spike counts as noise only up to a limit.
             let step = step.min(SPIKE * self.variance);
             self.variance += (step - self.variance) * (1.0 / f64::from(self.count - 1)).max(1.0 / MEMORY);
         }
@@ -148,10 +150,11 @@ mod tests {
 
     const DT: f64 = 0.008;
 
-    /// A free hand for 12 s, then a touch that grows by `slope` (N/s): the time until it is noticed (s), if it is.
+    /// A free hand for 12 s, then a touch that grows by `slope` (N/s). Returns the time until the touch is noticed (s),
+    /// or why it is not.
     fn noticed(noise: f64, slope: f64, seed: u64) -> Result<f64, &'static str> {
         let (mut touch, mut random) = (Touch::new(Some(1.5)), Random::new(seed));
-        // A hand that does not know its payload.
+        // The constant force of a payload that the hand does not know.
         let weight = Vector3::new(2.0, -14.0, 1.0);
         for i in 0..3000 {
             let time = f64::from(i) * DT - 12.0;
@@ -193,7 +196,7 @@ mod tests {
         }
     }
 
-    /// A spike in the first sample was the usual force for a while, and the noise for longer.
+    /// A spike in the first sample once became the background for a while, and raised the noise for longer.
     #[test]
     fn a_spike_in_the_first_samples_neither_is_a_touch_nor_hides_one() {
         for first in [vec![0], vec![1], vec![0, 1], vec![5], vec![11]] {
@@ -229,7 +232,7 @@ mod tests {
         // 64 kN/m at 9 mm/s: 5 N after 8.7 ms.
         let time = noticed(0.05, 576.0, 1);
         assert!(time.is_ok_and(|time| time < 0.0087 + 3.0 * DT), "{time:?}");
-        // A soft one, 4 kN/m, 36 N/s: 5 N after 140 ms, and a tenth of it has been forgotten.
+        // A soft touch, 4 kN/m, 36 N/s: 5 N after 140 ms, and a tenth of it has been forgotten.
         let time = noticed(0.4, 36.0, 1);
         assert!(time.is_ok_and(|time| time < 0.2), "{time:?}");
     }

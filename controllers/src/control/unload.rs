@@ -1,13 +1,13 @@
-//! Unloading: a hand that stops lets go of the force that it had.
+//! Unloading: a hand that stops releases the force that it exerts.
 //!
 //! An arm that only stops stays tensioned against the held object: after a locked door it still pressed with 64 N. So
-//! the arm gives way. Its stiffness decides how, and is not known. The gain is as small as a grasp of 48 kN/m needs:
-//! a larger one swung such grasps out of the fingers within 0.3 s. It relaxes a stiff grasp at once. A force that stays
-//! comes from something soft, such as a pressed lever, or from a door closer. Then the hand follows this force slowly.
-//! A pressed lever pushes less and less on the way, and the hand follows it until the force is nearly zero. A door
-//! closer keeps pushing, and giving way to it only shuts the door. So the hand returns to the place where its force had
-//! last fallen, and holds the door there. Speeds change gradually, because the door follows the hand with its mass. A
-//! hand that knows that it holds a door returns at once.
+//! the arm gives way. How it has to do this depends on the stiffness of the grasp, which is not known. The gain is as
+//! small as a grasp of 48 kN/m needs: with a larger gain, such grasps swung out of the fingers within 0.3 s. This gain
+//! relaxes a stiff grasp at once. A force that then stays comes from something soft, such as a pressed lever, or from a
+//! door closer, and the hand follows it slowly. A pressed lever pushes less and less on the way, and the hand follows
+//! it until the force is nearly zero. A door closer keeps pushing, and giving way to it only shuts the door. So the
+//! hand returns to the place where its force had last fallen, and holds the door there. Speeds change gradually,
+//! because the door follows the hand with its mass. A hand that knows that it holds a door returns at once.
 //!
 //! Source: ours; an admittance as in [`super::compliant`], which explains the budget of its gain.
 
@@ -16,21 +16,21 @@ use super::filter::{Debounce, LowPass};
 use super::oscillation::OscillationGuard;
 use nalgebra::{Vector3, Vector6};
 
-/// The stiffest grasp, as a multiple of the stiffness that [`gain_max`] is for: 48 kN/m.
+/// The stiffest grasp, as a multiple of the stiffness that [`gain_max`] assumes: 48 kN/m.
 const STIFFEST: f64 = 8.0;
-/// A hand that gives way to a force that is so much greater than at first (N) stops; a base that brakes adds less. A
-/// force whose mean is so much greater than the previous one (N) grows.
+/// If the mean force exceeds the first force by more than `GROWN` (N), the hand stops giving way; a braking base adds
+/// less than that. A force grows if its mean exceeds the previous mean by `GROWS` (N).
 const GROWN: f64 = 12.0;
 const GROWS: f64 = 1.0;
 /// The gain for torques (rad/s/Nm), and the largest speeds (m/s, rad/s).
 const TURN: f64 = 0.06;
 const SPEED_MAX: f64 = 0.04;
 const TURN_MAX: f64 = 0.2;
-/// The length of a mean of the force (s). The force stays if its mean has changed by less than a share of its size. The
-/// first number is the largest such share. The second one divided by the delay (s) is the share that a grasp of 9 kN/m
-/// loses: a hand that follows a softer grasp lets go of it sooner. The third one is that for a hand that holds a door and
-/// does not follow, a grasp of 2 kN/m; it may change by the noise of a mean as well (N). A force does not stay before the
-/// last time (s), within which a late answer may come.
+/// `LOOK` is the length of a mean of the force (s). A force stays if its mean has changed by less than a share of its
+/// size. `STEADY` is the largest such share. `STEADY_DELAY` divided by the delay (s) is the share that a grasp of 9
+/// kN/m loses; a hand that follows a softer grasp lets go of it sooner. `STEADY_DELAY_HELD` is the same for a hand that
+/// holds a door and does not follow, with a grasp of 2 kN/m. For such a hand, the mean may also change by its noise
+/// `STEADY_NOISE` (N). Before `LATE` (s) no force counts as one that stays, because a late answer may still come.
 const LOOK: f64 = 0.1;
 const STEADY: f64 = 0.2;
 const STEADY_DELAY: f64 = 0.011;
@@ -42,34 +42,37 @@ const LATE: f64 = 0.25;
 const FOLLOW: f64 = 1.0 / 450.0;
 const FOLLOW_MAX: f64 = 0.04;
 const SLOW: f64 = 6.0;
-/// The share of a mean in the force that the hand follows, and the share of this force below which the mean takes its
-/// place: then a spring has relaxed, and the rest comes from elsewhere.
+/// The weight of a new mean in the force that the hand follows. If the mean is below the share `GONE` of this force, it
+/// replaces the force: a spring has relaxed, and the rest comes from elsewhere.
 const AIMED: f64 = 0.3;
 const GONE: f64 = 0.7;
-/// The change of these speeds (m/s²), the longest step in which they change (s): a calculation that was held up does not
-/// make it a jump. And the speed that may end at once (m/s).
+/// The acceleration of these speeds (m/s²). The longest time step in which they change (s), so that a delayed
+/// calculation does not cause a jump. The speed below which the hand may stop at once (m/s).
 const ACCELERATION: f64 = 0.1;
 const STEP_MAX: f64 = 0.03;
 const AT_REST: f64 = 0.001;
-/// A hand that feels less than the first at the beginning has nothing to let go of (N); it has let go once it feels
-/// less than the second so many times in a row.
+/// If the hand feels less than `LOADED` at the beginning (N), there is nothing to unload. The hand is unloaded once it
+/// feels less than `AT_EASE` (N) for `IN_A_ROW` samples in a row.
 const LOADED: f64 = 7.0;
 const AT_EASE: f64 = 3.5;
 const IN_A_ROW: u32 = 5;
-/// Over this distance (m) a tensioned force falls by at least this much (N), and by this share: 125 N/m, below the
-/// spring of a lever. The friction of a strong closer's door takes off a little when the hand turns round.
+/// Over the distance `STRETCH` (m), the force of a tensioned spring falls by at least `FALL` (N) and by the share
+/// `FALL_SHARE`: 125 N/m, less than the spring of a lever. The friction of a door with a strong closer takes off a
+/// little when the hand turns round.
 const STRETCH: f64 = 0.012;
 const FALL: f64 = 1.5;
 const FALL_SHARE: f64 = 0.05;
-/// The longest way (m) and time (s), and the time (s) after which a drive without a new command has stopped.
+/// The longest path (m) and time (s) of an unloading, and the time (s) after which a drive without a new command has
+/// stopped.
 const WAY_MAX: f64 = 0.06;
 const TIME_MAX: f64 = 2.9;
 const DRIVEN: f64 = 0.1;
-/// A force that is smaller than before by this much (N), and by this share, has fallen: more than noise and friction.
+/// A force has fallen if it is smaller than before by `FALLEN` (N) and by the share `FALLEN_SHARE`: more than noise and
+/// friction.
 const FALLEN: f64 = 1.0;
 const FALLEN_SHARE: f64 = 0.1;
-/// The largest speed with which the hand goes back (m/s), and how near is there (m). It goes no further with a force
-/// that is so much greater than at first (N): more than friction and the leaf's inertia.
+/// The largest speed with which the hand goes back (m/s), and the distance at which it has arrived (m). The hand stops
+/// if the force exceeds the first force by `BACK_HARDER` (N): more than friction and the leaf's inertia.
 const BACK_MAX: f64 = 0.03;
 const BACK_AT: f64 = 0.001;
 const BACK_HARDER: f64 = 20.0;
@@ -82,18 +85,18 @@ pub struct Unloading {
     means: Means,
     at_ease: Debounce,
     time: f64,
-    /// From where it began to where the hand is (m, tool axes).
+    /// The vector from the place where the unloading began to the hand (m, tool axes).
     place: Vector3<f64>,
     least: Option<Least>,
     phase: Phase,
-    /// Whether it follows a force that stays.
+    /// Whether the hand follows a force that stays.
     follows: bool,
     /// The speed that follows a force or goes back, and the last velocity of the hand (m/s, tool axes).
     led: Vector3<f64>,
     linear: Vector3<f64>,
 }
 
-/// The parts of an unloading.
+/// The phases of an unloading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     /// The hand gives way to any force.
@@ -109,16 +112,16 @@ enum Phase {
 /// A force that the hand follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Follow {
-    /// The force when it was found, corrected on the way, because a lever goes along an arc (N, tool axes).
+    /// The force that was found (N, tool axes). It is corrected on the way, because a lever moves along an arc.
     force: Vector3<f64>,
-    /// The way of the hand since then (m).
+    /// How far the hand has moved since the force was found (m).
     way: f64,
-    /// The way and the force (N) when the force had last fallen.
+    /// The values of `way` (m) and of the force (N) when the force had last fallen.
     fallen: (f64, f64),
 }
 
 impl Follow {
-    /// Returns the force to follow after a mean of the force (N).
+    /// Returns the force to follow from now on, given a new mean of the force (N).
     fn aimed(&self, mean: &Vector3<f64>) -> Vector3<f64> {
         if mean.norm() < GONE * self.force.norm() { *mean } else { self.force.lerp(mean, AIMED) }
     }
@@ -136,7 +139,7 @@ struct Least {
 #[derive(Clone, Copy, Debug)]
 struct Felt {
     force: Vector3<f64>,
-    /// Its slow part.
+    /// The slow part of the force.
     slow: Vector3<f64>,
     /// The mean that is complete now, and the previous one.
     means: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -146,7 +149,7 @@ struct Felt {
 }
 
 impl Felt {
-    /// Returns the mean of a force that stays.
+    /// Returns the mean of the force, if the force stays.
     fn that_stays(&self) -> Option<Vector3<f64>> {
         let (mean, last) = self.means?;
         let change = self.steady * last.norm() + self.noise;
@@ -197,13 +200,13 @@ impl Default for Unloading {
 }
 
 impl Unloading {
-    /// Returns the unloading of a hand that holds a door: a force that stays is that of a closer.
+    /// Returns the unloading of a hand that holds a door: a force that stays comes from its closer.
     pub fn of_a_door() -> Self {
         Self { follows: false, ..Self::default() }
     }
 
     /// Returns the velocity (m/s, rad/s, tool axes) that takes the load off a hand that feels `wrench_in_tool` (N, Nm),
-    /// `dt` (s) after the last call; none once it is over. `delay` (s) is that of the force loop.
+    /// `dt` (s) after the last call; none once the unloading is over. `delay` (s) is the delay of the force loop.
     pub fn update(&mut self, wrench_in_tool: &Vector6<f64>, delay: f64, dt: f64) -> Option<Vector6<f64>> {
         let force: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(0).into();
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
@@ -231,18 +234,18 @@ impl Unloading {
             }
             Phase::Returns(_) => {
                 let missing = least.place - self.place;
-                // From there it can still brake.
+                // At this speed the hand can still brake in time.
                 direction(&missing) * (ACCELERATION * missing.norm()).sqrt().min(BACK_MAX)
             }
             Phase::Relaxes | Phase::Ends => Vector3::zeros(),
         };
         let is_falling = matches!(self.phase, Phase::Follows(_)) && wanted.norm() < self.led.norm();
-        // A force that falls is that of a spring: nothing heavy follows the hand.
+        // A falling force comes from a spring, so nothing heavy follows the hand.
         let step = if is_falling { FOLLOW_MAX } else { ACCELERATION * dt.min(STEP_MAX) };
         self.led += (wanted - self.led).cap_magnitude(step);
         let given = match self.phase {
             Phase::Relaxes => force,
-            // A stiff direction answers to a hand that is led: the hand gives way to the difference.
+            // A stiff direction resists the led hand, so the hand gives way to the difference of the forces.
             Phase::Follows(follow) | Phase::Returns(follow) => force - follow.force,
             Phase::Ends if self.led.norm() < AT_REST => {
                 self.linear = Vector3::zeros();
@@ -308,7 +311,7 @@ impl Unloading {
     }
 }
 
-/// Returns the direction of a vector; none has none.
+/// Returns the direction of a vector, a unit vector; zero for a zero vector.
 fn direction(vector: &Vector3<f64>) -> Vector3<f64> {
     vector.try_normalize(1e-9).unwrap_or_default()
 }
@@ -320,7 +323,7 @@ mod tests {
     use std::collections::VecDeque;
 
     const DT: f64 = 0.01;
-    /// From the sensor to the motion of the hand (steps).
+    /// The delay from the sensor to the motion of the hand (steps).
     const DELAY: usize = 4;
     const LOOP: f64 = 0.06;
 
@@ -351,7 +354,7 @@ mod tests {
 
     #[test]
     fn what_pushes_on_is_held_where_it_was() {
-        // A door closer alone, then one in a grasp that is wound up by 3 mm and 5 mm: those are let go of.
+        // A door closer alone, then a closer with a grasp that is strained by 3 mm and by 5 mm: this strain is released.
         for (load, wound_up) in [(0.0, 0.0), (18.0, 0.003), (30.0, 0.005)] {
             let (left, way, time) = unloaded(6000.0, load, 12.0);
             assert!((left - 12.0).abs() < 2.5, "{load} N: {left} N");
@@ -374,9 +377,9 @@ mod tests {
     /// Fingers that hold the handle of a leaf.
     #[derive(Clone, Copy, Debug)]
     struct Held {
-        /// Of the grasp (N/m).
+        /// The stiffness of the grasp (N/m).
         stiffness: f64,
-        /// From the sensor to the drives (s), which lag by 30 ms.
+        /// The delay from the sensor to the drives (s); in addition, the drives lag by 30 ms.
         delay: f64,
         /// The pull of the closer at the handle (N), and the leaf as the handle feels it (kg).
         closer: f64,
@@ -388,9 +391,9 @@ mod tests {
         /// The largest force, and the force at the end (N).
         most: f64,
         left: f64,
-        /// The way of the leaf until the end (m).
+        /// How far the leaf has moved until the end (m).
         moved: f64,
-        /// When it ended (s); none if it did not.
+        /// When the unloading ended (s); none if it did not end.
         ended: Option<f64>,
     }
 

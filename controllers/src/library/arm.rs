@@ -1,4 +1,5 @@
-//! The Puma 560: the controller that moves it, the one that only listens, and a whole arm for compliant motion.
+//! The Puma 560: a controller that moves the arm, a controller that only reads its joints, and a whole arm for
+//! compliant motion.
 
 mod load;
 
@@ -17,12 +18,12 @@ use std::time::Duration;
 const ACCELERATION_MAX: f64 = 8.0;
 /// Five time constants of the drives, after which the arm is at rest.
 const SETTLING: Duration = Duration::from_millis(100);
-/// A joint this close to its limit moves away from it only (rad).
+/// A joint this close to its limit moves only away from the limit (rad).
 const LIMIT_MARGIN: f64 = 0.03;
-/// The longest stop, in which the hand lets go of its force.
+/// The longest stop. In it the hand lets go of its force.
 const STOP_WITHIN: Duration = Duration::from_millis(3500);
-/// A force on the hand ends everything, whatever moves the arm, if so many samples in a row say so: single ones may be
-/// wrong.
+/// The number of samples in a row with too large a force on the hand that end the motion, whatever moves the arm.
+/// Single samples may be wrong.
 const FORCE_IN_A_ROW: u32 = 4;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
@@ -86,8 +87,8 @@ impl Servo {
         self.grant.begin()
     }
 
-    /// Takes a new sample of the wrist sensor, if there is one; returns why the arm has to stop, and let go, if it
-    /// must.
+    /// Takes a new sample of the wrist sensor, if there is one. Returns why the arm has to stop and let go, if it has
+    /// to.
     fn overloaded(&mut self, force: Option<&FtState>) -> Option<String> {
         self.overload
             .update(size(force?) > FORCE_MAX)
@@ -100,7 +101,7 @@ impl Servo {
         self.still.update(tick.now, self.load.is_held() && self.command.amax() <= 0.0);
     }
 
-    /// Sends the command that brings the joints to `wanted` (rad/s), if it may.
+    /// Sends the command that brings the joints to `wanted` (rad/s), if the controller has the right to command.
     fn work(
         &mut self,
         tick: Tick,
@@ -120,13 +121,13 @@ impl Servo {
         };
         match fence {
             Some(fence) => command.send(ArmCommand { owner: self.owner.to_owned(), rates: Some(rates), fence }),
-            // The watchdog has stopped it.
+            // By now the watchdog has stopped the arm.
             None => (self.command, self.follow) = (Joints::zeros(), Follow::default()),
         }
         Progress::Continue
     }
 
-    /// Moves the command towards `wanted` (rad/s); gives up when the arm is silent.
+    /// Moves the command towards `wanted` (rad/s); fails if the arm is silent.
     fn step(&mut self, tick: Tick, state: Option<&ArmState>, wanted: &Joints) -> Result<[f64; 6], String> {
         if self.watch.is_silent(tick.now, state.is_some()) {
             return Err("no word from the arm for 1 s".to_owned());
@@ -185,7 +186,7 @@ fn tell(state: &In<ArmState>, joints: &mut Out<JointState>) {
     }
 }
 
-/// Returns the rates (rad/s) of those `wanted` that do not lead beyond the ranges of joints at `q` (rad).
+/// Returns the `wanted` rates (rad/s), without those that lead beyond the ranges of joints at `q` (rad).
 fn within(q: &Joints, wanted: &Joints) -> Joints {
     let (low, high) = (puma560::lowest(), puma560::highest());
     Joints::from_fn(|i, _| {
@@ -242,7 +243,7 @@ impl Controller for Puma560Ctrl {
     }
 
     fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
-        // A reader that misses the joints would end first, and hide the true reason of an abort.
+        // If a reader of the joints missed them, it would end first and hide the true reason of an abort.
         tell(&inputs.state, &mut outputs.joints);
         self.servo.stop(tick, &inputs.state, &inputs.force, &mut outputs.command, &mut outputs.lock)
     }
@@ -268,7 +269,7 @@ pub(super) struct JointsOutputs {
     joints: Out<JointState>,
 }
 
-/// Tells where the arm's joints are.
+/// Publishes the angles of the arm's joints.
 #[derive(Debug, Default)]
 pub(super) struct Puma560Joints {
     watch: Watch,
@@ -328,7 +329,7 @@ pub(super) struct ArmOutputs {
     lock: LockCalls,
 }
 
-/// Moves the hand as commanded with the arm alone; the base stays.
+/// Moves the hand as commanded with the arm alone; the base does not move.
 #[derive(Debug)]
 pub(super) struct Puma560 {
     servo: Servo,

@@ -1,4 +1,4 @@
-//! The XR4000: the controller that moves it, and its odometry.
+//! The XR4000: a controller that moves the base, and its odometry.
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FRESH, SENSED, Still, Watch, ramp_dt, seconds};
@@ -13,15 +13,15 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// A base whose bumper is pressed goes back the way it came with this speed (m/s), for at most this time. A base that
-/// was slower than the minimum (m/s) was hit and stays.
+/// If its bumper is pressed, a base goes back in the direction from which it came: with this speed (m/s), for at most
+/// this time. If the base was slower than the minimum (m/s), it was hit, and it stays.
 const RETREAT: f64 = 0.06;
 const RETREAT_MAX: Duration = Duration::from_millis(1000);
 const SPEED_MIN: f64 = 0.01;
 /// Five time constants of the drives, after which the base is at rest.
 const SETTLING: Duration = Duration::from_millis(400);
-/// The largest part of an encoder's step that no motion of the base explains (rad): good wheels leave less than half of
-/// it, also after a gap of 60 ms.
+/// The largest part of an encoder's step that no motion of the base explains (rad). Good wheels leave less than half of
+/// it, even after a gap of 60 ms.
 const RESIDUAL_MAX: f64 = 0.12;
 
 /// The inputs of [`Xr4000Ctrl`].
@@ -65,7 +65,7 @@ impl Xr4000Ctrl {
         self.command
     }
 
-    /// Returns whether the bumper is pressed, and brakes then.
+    /// Returns whether the bumper is pressed. A pressed bumper makes the command zero.
     fn bumped(&mut self, now: Time, state: &In<BaseState>) -> bool {
         let pressed = state.fresh_within(now, SENSED).is_some_and(|state| state.bumped);
         if pressed && self.away.is_none() {
@@ -76,7 +76,7 @@ impl Xr4000Ctrl {
         pressed
     }
 
-    /// Returns the velocity of a base that stops: away from the obstacle while the bumper is pressed, then none.
+    /// Returns the velocity of a base that stops: away from the obstacle while the bumper is pressed, then zero.
     fn retreat(&mut self, tick: Tick, state: &In<BaseState>) -> [f64; 3] {
         let goes = self.bumped(tick.now, state) && self.retreating < RETREAT_MAX;
         self.retreating += if goes { tick.elapsed } else { Duration::ZERO };
@@ -122,7 +122,7 @@ impl Controller for Xr4000Ctrl {
         let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
             Right::Command(fence) => fence,
             Right::Wait => {
-                // By then the watchdog has stopped it.
+                // By now the watchdog has stopped the base.
                 self.command = [0.0; 3];
                 return Progress::Continue;
             }
@@ -161,7 +161,7 @@ pub(super) struct OdometryOutputs {
     pose: Out<BasePose>,
 }
 
-/// Tells where the base is, by dead reckoning from its casters.
+/// Publishes the pose of the base by dead reckoning from its casters.
 #[derive(Debug)]
 pub(super) struct Xr4000Odometry {
     wheel_radius: f64,

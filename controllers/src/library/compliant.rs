@@ -1,4 +1,4 @@
-//! CompliantCtrl: the hand gives way.
+//! CompliantCtrl: the hand gives way to forces.
 
 use super::{FRESH, SENSED};
 use crate::control::compliant::{ACROSS, Compliance, DELAY_MAX, Guide, STIFFNESS, gain_max, loop_delay};
@@ -8,7 +8,7 @@ use comms::logic::signals::Signal;
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
-/// The measured age is averaged (Hz).
+/// The cutoff frequency of the mean of the measured age (Hz).
 const CUTOFF: f64 = 0.5;
 /// The longest time for which the loop may be too slow.
 const PATIENCE: Duration = Duration::from_millis(500);
@@ -32,7 +32,7 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Moves the hand the way it is pushed, except in the direction in which another law leads it.
+/// Moves the hand in the direction in which it is pushed, except in the direction in which another law leads it.
 #[derive(Debug, Default)]
 pub(super) struct CompliantCtrl {
     give: Compliance,
@@ -41,12 +41,12 @@ pub(super) struct CompliantCtrl {
 }
 
 impl CompliantCtrl {
-    /// The delay of the whole force loop (s).
+    /// Returns the delay of the whole force loop (s).
     fn delay(&self) -> f64 {
         loop_delay(self.age.unwrap_or(0.0))
     }
 
-    /// Measures the delay; returns whether the loop is too slow for too long.
+    /// Measures the delay. Returns whether the loop has been too slow for too long.
     fn is_too_slow(&mut self, tick: Tick, wrench: &In<Wrench>) -> bool {
         if let Some(age) = wrench.fresh().and_then(|_| wrench.age(tick.now)) {
             let mean = self.age.get_or_insert(age.as_secs_f64());
@@ -59,7 +59,7 @@ impl CompliantCtrl {
     fn twist(&mut self, tick: Tick, inputs: &Inputs) -> Option<Vector6<f64>> {
         let wrench = inputs.wrench.fresh_within(tick.now, SENSED)?;
         let guide = inputs.guide.fresh_within(tick.now, FRESH);
-        // A guide that has fallen silent is not the same as none.
+        // A guide that has become silent is not the same as no guide.
         if guide.is_none() && inputs.guide.received() > 0 {
             return None;
         }

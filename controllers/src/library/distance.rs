@@ -1,4 +1,4 @@
-//! The laser, and the detector of the distance from hand to door.
+//! The laser, and the detector for the distance from hand to door.
 
 use super::servoing::{CALIBRATION, calibration};
 use super::{SENSED, StuckLaser, Watch};
@@ -18,18 +18,19 @@ use std::time::Duration;
 const IN_A_ROW: u32 = 3;
 /// The sector that may show the door (deg).
 const SECTOR_DEG: f64 = 40.0;
-/// Points this close to the line are the wall [m]: four deviations of the laser.
+/// Points this close to the line belong to the wall [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
-/// A hand that still approaches by more than this from one half of [`SETTLE`] sweeps to the other has not arrived (m).
+/// If a hand still approaches by more than this from one half of [`SETTLE`] sweeps to the other (m), it has not
+/// arrived.
 const SETTLED: f64 = 0.002;
 const SETTLE: usize = 20;
-/// A mark that is further than this from where it should be on average has not arrived (px).
+/// If a mark is further than this from its goal on average (px), the hand has not arrived.
 const ARRIVED: f64 = 5.0;
-/// Of the newest image in that average: over some 20 images.
+/// The weight of the newest image in that average: a mean over some 20 images.
 const IMAGE_SHARE: f64 = 0.05;
 
-/// The least room to a wall that is taken to go on where the laser does not see it (m): a base that stands before the
-/// handle of a door in a corner has 36 mm, and a sweep is off by up to 10 mm there.
+/// The least room beside a wall that is assumed to continue where the laser does not see it (m). A base that stands
+/// before the handle of a door in a corner has 36 mm, and a sweep is off by up to 10 mm there.
 const ROOM_BESIDE: f64 = 0.015;
 
 /// The inputs of [`LaserSensor`].
@@ -113,7 +114,7 @@ pub(super) struct ThresholdInputs {
     camera: In<CameraState>,
 }
 
-/// Ends when the hand is near the wall in front of the base, and no longer approaching it.
+/// Ends when the hand is near the wall in front of the base and no longer approaches it.
 #[derive(Debug)]
 pub(super) struct DistanceThreshold {
     threshold: f64,
@@ -137,7 +138,7 @@ impl DistanceThreshold {
         *lately += (errors - *lately) * IMAGE_SHARE;
     }
 
-    /// From the hand to the line that the laser sees ahead (m).
+    /// Returns the distance from the hand to the line that the laser sees ahead (m).
     fn distance(&mut self, ranges: &[f64], angles: &[f64; 6]) -> Option<f64> {
         let sector = SECTOR_DEG.to_radians();
         let points = points(ranges, sector);
@@ -202,7 +203,7 @@ impl Controller for DistanceThreshold {
         if clearance(&around, &q).is_some_and(|room| room < ROOM_MIN) {
             return Progress::Aborted("no room: something is less than 30 mm from the robot".to_owned());
         }
-        // A base that moves sideways may meet a wall beside it that its laser does not see.
+        // A base that moves sideways may meet a wall that its laser does not see.
         if clearance(&going_on(&around), &q).is_some_and(|room| room < ROOM_BESIDE) {
             return Progress::Aborted(
                 "no room: a wall that goes on beside the robot is less than 15 mm from it".to_owned(),
@@ -215,7 +216,7 @@ impl Controller for DistanceThreshold {
         self.recent.push(distance);
         let (before, after) = self.recent.split_at(self.recent.len() / 2);
         let mean = |distances: &[f64]| distances.iter().sum::<f64>() / distances.len().max(1) as f64;
-        // The means of ten sweeps are quieter than a single sweep, for any laser.
+        // Means of ten sweeps are less noisy than a single sweep, for any laser.
         let settled = self.recent.len() == SETTLE && (mean(before) - mean(after)).abs() < SETTLED;
         let arrived = self.image.is_some_and(|errors| errors.amax() < ARRIVED);
         if self.debounce.update(distance < self.threshold && settled && arrived) {

@@ -29,21 +29,21 @@ pub(super) struct Outputs {
     command: Out<FtCommand>,
 }
 
-/// The largest median of the force on a free hand after the sensor was set to zero (N), over so many samples: nominal
-/// drifts are 6 N. With a sensor that is off by 23 N the laws pulled with 105 N.
+/// The largest median of the force on a free hand after the sensor was set to zero (N), over `DRIFT_SAMPLES` samples.
+/// Nominal drifts are 6 N. With a sensor that was off by 23 N the laws pulled with 105 N.
 const DRIFT_MAX: f64 = 12.0;
 const DRIFT_SAMPLES: usize = 25;
 
-/// Publishes the wrench on the hand. With `"zero"` it first sets the sensor to zero, which needs a free hand, and then
-/// refuses a sensor that is not at zero.
+/// Publishes the wrench on the hand. With `"zero"` it first sets the sensor to zero, which needs a free hand. Then it
+/// refuses a sensor that does not report zero.
 #[derive(Debug)]
 pub(super) struct ForceTorque {
     zero: bool,
-    /// The first forces since it was set to zero (N).
+    /// The first forces since the sensor was set to zero (N).
     first: Vec<Vector3<f64>>,
     /// Smaller forces are published as zero (N).
     threshold: f64,
-    /// The sensor's count of zeroings when this began.
+    /// The sensor's count of zeroings when this activation began.
     zeroed_before: Option<u32>,
     stuck: StuckForce,
     despike: Despike,
@@ -63,7 +63,7 @@ impl Controller for ForceTorque {
         About::service(
             "Tells the wrench on the hand, forces below a threshold [N] as none; \"zero\" first zeroes the sensor.",
         )
-        // Remembers that the sensor is zeroed: a hand that holds an object is not free.
+        // The process remembers that the sensor is zeroed: a hand that holds an object is not free.
         .remembers()
         .every(Duration::from_millis(50))
         .triggered_by("ft/state")
@@ -115,8 +115,8 @@ impl Controller for ForceTorque {
 }
 
 impl ForceTorque {
-    /// Takes a force (N) on a hand that is free; returns the median of the first ones (N) if a sensor at zero does not
-    /// say so.
+    /// Takes a force on a free hand (N). Returns the median of the first forces (N) if a sensor at zero does not report
+    /// zero.
     fn drifted(&mut self, force: &Vector3<f64>) -> Option<f64> {
         if !self.zero || self.first.len() >= DRIFT_SAMPLES {
             return None;
@@ -187,7 +187,7 @@ impl Controller for ForceSensor {
     }
 }
 
-/// Waits for a force.
+/// Waits for a force above the threshold.
 #[derive(Debug)]
 struct Threshold {
     threshold: f64,
@@ -233,8 +233,8 @@ pub(super) struct ThresholdInputs {
     wrench: In<Wrench>,
 }
 
-/// Ends when a force exceeds a threshold and its own noise. If `forgets` is set, constant forces do not count: a sensor
-/// that drifts, or an unknown payload.
+/// Ends when a force exceeds a threshold and its own noise. If `forgets` is set, constant forces do not count, such as
+/// the drift of a sensor or an unknown payload.
 #[derive(Debug)]
 pub(super) struct ForceThreshold(Threshold);
 
@@ -252,7 +252,7 @@ impl Controller for ForceThreshold {
             "Ends when a force exceeds a threshold [N] and its own noise, leaving it; forces that stay are forgotten after \
             some time [s], unless that is 0.",
         )
-        // Remembers the force and the noise of the free hand.
+        // The process remembers the force and the noise of the free hand.
         .remembers()
         .every(Duration::from_millis(50))
         .triggered_by("In")

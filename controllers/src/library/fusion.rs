@@ -1,4 +1,4 @@
-//! ConfigCtrl and AddVelocity: the arm's posture as one law among several, and their sum.
+//! ConfigCtrl and AddVelocity: the arm's posture as one law among several, and the sum of the laws.
 
 use super::FRESH;
 use crate::control::puma560::Joints;
@@ -19,7 +19,7 @@ pub(super) struct ConfigInputs {
     joints: In<JointState>,
 }
 
-/// The outputs of both.
+/// The outputs of [`ConfigCtrl`] and [`AddVelocity`].
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// The velocity of the hand.
@@ -27,7 +27,8 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Keeps the arm in the posture it has at the start, as far as the hand does not notice; so the base carries the arm.
+/// Keeps the arm in the posture that it has at the start, as far as this does not move the hand. So the base carries
+/// the arm.
 #[derive(Debug, Default)]
 pub(super) struct ConfigCtrl {
     reference: Option<Joints>,
@@ -79,8 +80,8 @@ pub(super) struct AddInputs {
     third: In<Velocity>,
 }
 
-/// Adds velocities; an input without recent values counts as zero. The base is steady if one input asks for it. A
-/// velocity that brings the hand to rest goes on alone.
+/// Adds velocities; an input without recent values counts as zero. The base does not turn if one input asks for that. A
+/// velocity that brings the hand to rest is passed on alone.
 #[derive(Debug)]
 pub(super) struct AddVelocity;
 
@@ -117,7 +118,8 @@ impl Controller for AddVelocity {
     }
 
     fn stop(&mut self, _: Tick, _: &AddInputs, outputs: &mut Outputs) -> Stopping {
-        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
+        // The controller that moves the hand learns of the end at once, and does not have to wait until the last
+        // velocity expires.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

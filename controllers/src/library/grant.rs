@@ -1,8 +1,8 @@
-//! The right to command a device, as a controller has it: by the lock of the device where the spec connects that, else
-//! by its name alone.
+//! The right of a controller to command a device: by the lock of the device if the spec connects it, else only by the
+//! controller's name.
 //!
-//! A controller that has the lock stamps each command with the fencing number of its grant. A controller that loses the
-//! lock ends, because the new holder may have moved the device.
+//! A controller that holds the lock stamps each command with the fencing number of its grant. A controller that loses
+//! the lock ends, because the new holder may have moved the device.
 
 use crate::sdk::messaging::{Denied, LockAnswer, LockRequest, LockUser};
 use crate::sdk::{Arguments, Calls, Kind, Parameter};
@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// How long a user waits for a device that another client holds: longer than the lease of a client that has died.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How long a stop waits until the server knows that its lock is free again; after that the lease ends it.
+/// How long a stop waits until the server knows that its lock is free again. After this time, the lease ends the lock.
 const RELEASE_WITHIN: Duration = Duration::from_millis(100);
 
 /// The order of clients that want one device: a greater number goes first.
@@ -23,11 +23,11 @@ pub(super) type LockCalls = Calls<LockRequest, LockAnswer>;
 /// The commands that may be sent to a device now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Right {
-    /// Commands with this fencing number; without one where the spec connects no lock.
+    /// Commands with this fencing number; without a number if the spec connects no lock.
     Command(Option<u64>),
-    /// Nothing yet.
+    /// No commands yet.
     Wait,
-    /// None: the lock is lost; the reason, for a person.
+    /// No commands any more: the lock is lost. The text is the reason, for a person.
     Lost(String),
 }
 
@@ -38,21 +38,21 @@ pub(super) struct Grant {
     name: String,
     priority: u8,
     user: LockUser,
-    /// Since when the lock is waited for.
+    /// Since when the controller has waited for the lock.
     waiting: Option<Time>,
-    /// The number of the last grant.
+    /// The fencing number of the last grant.
     fence: Option<u64>,
     /// Whether a stop has nothing more to send.
     has_said_all: bool,
-    /// When it was let go.
+    /// When the lock was released.
     released: Option<Time>,
 }
 
 impl Grant {
-    /// Returns a user that has not yet asked for the lock; `device` is for messages.
+    /// Returns a user that has not yet asked for the lock; `device` is the name for messages.
     ///
     /// # Errors
-    /// If the system gives no random number for it.
+    /// If the system gives no random number for the user.
     pub(super) fn new(device: &'static str, arguments: &Arguments) -> Result<Self, String> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the parameter is from 0 to 255")]
         let priority = arguments.number("priority") as u8;
@@ -64,7 +64,7 @@ impl Grant {
     /// Begins an activation: a grant from an earlier activation does not count.
     ///
     /// # Errors
-    /// As of [`Grant::new`].
+    /// As in [`Grant::new`].
     pub(super) fn begin(&mut self) -> Result<(), String> {
         self.user = user(&self.name)?;
         (self.waiting, self.fence, self.has_said_all, self.released) = (None, None, false, None);
@@ -82,7 +82,7 @@ impl Grant {
                 Some(why @ (Denied::Preempted | Denied::TooManyWait)) => {
                     return Right::Lost(format!("lost the {device}: {why}"));
                 }
-                // No other client may have had the device in between: the next number shows this.
+                // The next fencing number shows that no other client has had the device in between.
                 Some(Denied::Expired | Denied::Released | Denied::NotHeld) | None => self.user.want(self.priority),
             }
         }
@@ -111,8 +111,8 @@ impl Grant {
         self.user.held(now).map_or(Right::Wait, |fence| Right::Command(Some(fence)))
     }
 
-    /// Lets go of the lock once its user `rests`; returns whether the stop is over. The last command has one
-    /// calculation to arrive before its number is over.
+    /// Releases the lock once its user `rests`. Returns whether the stop is over. The last command has one calculation
+    /// to arrive before its fencing number is no longer valid.
     pub(super) fn is_over(&mut self, now: Time, rests: bool, calls: &mut LockCalls) -> bool {
         if !calls.is_connected() {
             return rests;

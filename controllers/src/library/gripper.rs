@@ -1,4 +1,4 @@
-//! GripperControl: opens or closes the fingers, and knows whether they hold anything.
+//! GripperControl: opens or closes the fingers, and detects whether they hold anything.
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{SENSED, Watch};
@@ -16,16 +16,16 @@ const EMPTY: f64 = 0.006;
 const HOLD_FORCE: f64 = 20.0;
 /// Fingers that press with this force hold any object (N).
 const FIRM: f64 = 40.0;
-/// Fingers that meet an object off their centre pull the hand towards it with their force. So they first press gently
-/// (N), until the hand has given way and feels less than this (N), or until this time has passed.
+/// If the fingers meet an object off their centre, they pull the hand towards it with their force. So they first press
+/// gently (N), until the hand has given way and feels less than this (N), or until this time has passed.
 const GENTLE: f64 = 14.0;
 const AT_EASE: f64 = 6.0;
 const GENTLE_FOR: Duration = Duration::from_millis(1500);
-/// Fingers that press have met something (N).
+/// Fingers that press with more than this have met something (N).
 const MET: f64 = 5.0;
 const TIMEOUT: Duration = Duration::from_secs(4);
 const IN_A_ROW: u32 = 3;
-/// The number of small forces in a row after which the hand is at ease.
+/// The number of small forces in a row after which the load is off the hand.
 const AT_EASE_IN_A_ROW: u32 = 10;
 
 /// The inputs of the gripper's controllers.
@@ -56,14 +56,14 @@ enum Goal {
     Close,
 }
 
-/// Opens the gripper, or closes it on something; aborts when it closed on nothing.
+/// Opens the gripper, or closes it on something; aborts if it closed on nothing.
 #[derive(Debug)]
 pub(super) struct GripperControl {
     goal: Goal,
     held: Debounce,
     empty: Debounce,
     started: Time,
-    /// The time at which closing fingers met something, and the time for which the hand has been at ease since.
+    /// The time at which closing fingers met something, and whether the load has been off the hand since.
     met: Option<Time>,
     at_ease: Debounce,
     watch: Watch,
@@ -78,7 +78,7 @@ impl GripperControl {
         }
     }
 
-    /// The force of the fingers (N).
+    /// Returns the force with which the fingers press (N).
     fn press(&mut self, now: Time, inputs: &Inputs) -> f64 {
         if self.goal == Goal::Open {
             return FIRM;
@@ -148,7 +148,7 @@ impl Controller for GripperControl {
         let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
             Right::Command(fence) => fence,
             Right::Wait => {
-                // The task's time is that of its fingers.
+                // The time of the task counts from the first motion of its fingers.
                 self.started = tick.now;
                 return Progress::Continue;
             }
@@ -171,7 +171,7 @@ impl Controller for GripperControl {
     }
 
     fn stop(&mut self, tick: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // The gripper keeps its width; only the right to command it is given back.
+        // The gripper keeps its width. The controller only gives back the right to command it.
         if let Right::Command(fence) = self.grant.keep(tick.now, &mut outputs.lock) {
             outputs.command.send(GripperCommand { owner: self.owner(), width: None, force: FIRM, fence });
         }

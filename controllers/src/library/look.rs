@@ -78,7 +78,8 @@ impl Controller for LookAround {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
+        // The controller that moves the hand learns of the end at once, and does not have to wait until the last
+        // velocity expires.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

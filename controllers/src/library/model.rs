@@ -1,4 +1,4 @@
-//! ModelBasedCtrl: opens the door about the hinge that it finds.
+//! ModelBasedCtrl: opens a door about the hinge whose position it estimates.
 
 use super::{SENSED, StuckLaser, distance};
 use crate::control::angle::wrapped;
@@ -22,28 +22,28 @@ use comms::logic::time::Time;
 use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector2, Vector3, Vector6};
 use std::time::Duration;
 
-/// The longest an opening may take.
+/// The longest time of an opening.
 const TIMEOUT: Duration = Duration::from_secs(55);
 /// The angle before its goal from which a door is slowed down (rad), and the smallest share of its speed.
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
 const PUSH_PACE_MIN: f64 = 0.6;
-/// The room above the least one at which the robot slows down (m): a sweep is 50 ms old and a base takes 200 ms to
-/// stop. And the longest search for the wall.
+/// The clearance above the least one at which the robot slows down (m): a sweep is 50 ms old, and a base takes 200 ms
+/// to stop. Then the longest search for the wall.
 const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
-/// A remembered wall is taken to be this much nearer (m): wheels are wrong by a few per cent.
+/// A remembered wall is assumed to be this much nearer (m): wheels are wrong by a few per cent.
 const REMEMBERED: f64 = 0.03;
-/// From this angle (rad) on, the fingers hold the part of the leaf behind them, of this depth and width to each side
-/// (m).
+/// If hand and leaf are turned against each other by more than `HELD` (rad), the points of the leaf behind the fingers
+/// count as held. This part of the leaf has this depth, and this width to each side (m).
 const HELD: f64 = 0.3;
 const HELD_DEPTH: f64 = 0.16;
 const HELD_BESIDE: f64 = 0.3;
-/// A force that differs by this much from the force when the load was off (N) has changed. And the frequency below which
-/// a part of the force counts for that (Hz).
+/// A force has changed if it differs by this much from the force when the load was off (N). Only its part below the
+/// second value counts (Hz).
 const CHANGED: f64 = 8.0;
 const LEFT_SLOW: f64 = 2.0;
-/// The longest wait at rest for inputs that are too old.
+/// The longest wait at rest while inputs are too old.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The inputs of the controller.
@@ -78,7 +78,7 @@ pub(super) struct Outputs {
 }
 
 /// Pulls or pushes a door open about its hinge, whose position it estimates on the way. Ends when the laser sees the
-/// leaf at an angle, or when nothing moves.
+/// leaf at the goal, or when nothing moves.
 #[derive(Debug)]
 pub(super) struct ModelBasedCtrl {
     goal: f64,
@@ -107,7 +107,7 @@ pub(super) struct ModelBasedCtrl {
     spent: Duration,
 }
 
-/// The end of an opening: the hand takes off its load, and stays where it is as long as the force stays.
+/// The end of an opening: the hand takes off its load, and stays where it is as long as the force does not change.
 #[derive(Debug)]
 struct Rest {
     despike: Despike,
@@ -131,16 +131,16 @@ impl Rest {
         self.slow.update(&force.into(), dt).into()
     }
 
-    /// Begins again: the load is not off yet.
+    /// Begins again with a hand whose load is not off.
     fn restart(&mut self) {
         (self.unloading, self.left) = (Unloading::of_a_door(), None);
     }
 
-    /// Returns the velocity of a hand at rest that feels `wrench` (N, Nm, tool axes), with a slow part of its force, `dt`
-    /// (s) after the last call; `delay` (s) is that of the force loop.
+    /// Returns the velocity of a hand at rest that feels `wrench` (N, Nm, tool axes), `dt` (s) after the last call.
+    /// `slow` is the slow part of the force (N), and `delay` (s) the delay of the force loop.
     fn velocity(&mut self, wrench: &Vector6<f64>, slow: Vector3<f64>, delay: f64, dt: f64) -> Velocity {
         if self.left.is_some_and(|left| (slow - left).norm() > CHANGED) {
-            // A visitor pushes, or the leaf moves.
+            // A visitor pushes the hand, or the leaf moves.
             self.restart();
         }
         let twist = if self.left.is_none() { self.unloading.update(wrench, delay, dt) } else { None };
@@ -159,7 +159,7 @@ struct Anchor {
     jumps: u32,
 }
 
-/// No base moves as far as this between two calculations (m).
+/// No base moves this far between two calculations (m).
 const JUMP: f64 = 0.03;
 
 impl Anchor {
@@ -169,7 +169,7 @@ impl Anchor {
             let step = last.inv_mul(&ours);
             let most = JUMP + dt;
             if step.translation.vector.norm() > most || step.rotation.angle() > most {
-                // The odometry was started again: the base has not moved, but its frame has.
+                // The odometry has restarted: the base has not moved, but its frame has.
                 self.ours_from_odometry = Some(last * odometry_from_base.inverse());
                 self.jumps += 1;
                 ours = last;
@@ -189,7 +189,8 @@ struct Known {
 }
 
 impl ModelBasedCtrl {
-    /// Returns the state from the inputs while all of them are fresh: arm and base at the time of the older of the two.
+    /// Returns the state from the inputs if all of them are fresh. The poses of arm and base are those at the older of
+    /// their two times of measurement.
     fn known(&mut self, tick: Tick, inputs: &Inputs) -> Option<Known> {
         let width = inputs.gripper.fresh_within(tick.now, SENSED)?.width;
         let wrench = inputs.wrench.fresh_within(tick.now, SENSED)?;
@@ -210,8 +211,8 @@ impl ModelBasedCtrl {
         Some((planar(&pose), puma560::forward(&angles.into()).base_from_tool))
     }
 
-    /// Searches a new sweep, if there is one, for the leaf, which is turned by `askew` (rad) from the direction of the
-    /// hand. Angles are positive in the direction in which a door opens with `sense`.
+    /// Searches for the leaf in a new sweep, if there is one. The leaf is turned by `askew` (rad) from the direction of
+    /// the hand. Angles are positive in the direction in which a door opens with `sense`.
     fn look(&mut self, inputs: &Inputs, sense: f64, askew: f64) -> Option<Leaf> {
         let sweep = inputs.laser.fresh()?;
         let (at, base_from_tool) = self.at(inputs.laser.measured()?)?;
@@ -222,7 +223,7 @@ impl ModelBasedCtrl {
         let points = distance::points(&sweep.ranges, std::f64::consts::PI);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), askew) * base_from_tool.rotation;
         let facing = Isometry3::from_parts(base_from_tool.translation, turn);
-        // A wrist that turns about the handle comes near the leaf that it holds; how near, the law limits.
+        // A wrist that turns about the handle comes near the leaf that it holds. The law limits this distance.
         let others: Vec<_> =
             points.iter().filter(|point| askew.abs() < HELD || !is_held(point, &facing)).copied().collect();
         let joints = self.joints.at(inputs.laser.measured()?)?.into();
@@ -237,7 +238,7 @@ impl ModelBasedCtrl {
         self.leaf
     }
 
-    /// Returns the velocity of the hand: that of the law, or that of a hand at rest, which takes off its load.
+    /// Returns the velocity of the hand: from the law, or from a hand at rest that takes off its load.
     fn velocity(&mut self, known: &Known, pull: &Pull, delay: f64, dt: f64) -> Velocity {
         let slow = self.rest.feel(&known.wrench, dt);
         if self.watch.is_at_rest() {
@@ -246,13 +247,13 @@ impl ModelBasedCtrl {
         self.rest.restart();
         let base = known.odometry_from_base.rotation.inverse() * pull.base.push(0.0);
         let null = std::array::from_fn(|i| if i < 2 { base[i] } else { 0.0 });
-        // The angle of a leaf whose wall is out of sight depends on how the wheels turn the base: so they do not turn
-        // it.
+        // If the wall is out of sight, the angle of the leaf depends on the turn of the base that the wheels report. So
+        // the base does not turn.
         let steady = self.opening.as_ref().is_some_and(Opening::pushes) || self.wall.turned().is_some();
         Velocity { twist: pull.twist_in_tool.into(), null, steady, rests: false }
     }
 
-    /// Takes where the hinge is by a leaf that the hand holds, for a base at `at`.
+    /// Takes the place of the hinge from a leaf that the hand holds, for a base at `at`.
     fn mark(&mut self, leaf: &Leaf, base_from_tool: &Isometry3<f64>, at: &Pose) {
         let (Some(radius), Some(opening)) = (self.wall.radius(), &self.opening) else { return };
         let left = Vector2::new(-leaf.normal.y, leaf.normal.x);
@@ -298,20 +299,21 @@ impl ModelBasedCtrl {
     }
 }
 
-/// Returns whether a point (m, base axes) is on the leaf right before the fingers, as they face it.
+/// Returns whether a point (m, base axes) is on the part of the leaf right before the fingers. `base_from_facing` is a
+/// pose that faces the leaf.
 fn is_held(point: &Vector2<f64>, base_from_facing: &Isometry3<f64>) -> bool {
     let normal = horizontal(&(base_from_facing.rotation * Vector3::z()));
     let from = point - base_from_facing.translation.vector.xy();
     (0.0..HELD_DEPTH).contains(&normal.dot(&from)) && normal.perp(&from).abs() < HELD_BESIDE
 }
 
-/// A pose on the floor: x, y (m), yaw (rad).
+/// Returns a pose on the floor from x, y (m), yaw (rad).
 fn planar([x, y, yaw]: &[f64; 3]) -> Isometry3<f64> {
     let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), *yaw);
     Isometry3::from_parts(Vector3::new(*x, *y, 0.0).into(), yaw)
 }
 
-/// The reason for a doubt.
+/// Returns the abort for a doubt, with its reason.
 fn refuse(doubt: Doubt) -> Progress {
     let reason = match doubt {
         Doubt::Handle => "lost the handle: the fingers are not as far apart as a handle is wide",
@@ -414,7 +416,7 @@ impl Controller for ModelBasedCtrl {
             return Progress::Aborted(why);
         }
         let Some(known) = self.known(tick, inputs) else {
-            // Without eyes it does not pull; the others see a fresh zero.
+            // Without sensors the controller does not pull. The other controllers receive a fresh zero.
             outputs.velocity.send(Velocity::REST);
             self.blind += tick.elapsed;
             return if self.blind > PATIENCE {
@@ -429,11 +431,11 @@ impl Controller for ModelBasedCtrl {
         let hand = known.odometry_from_base * known.base_from_tool;
         let base = known.odometry_from_base.translation.vector.xy();
         let posture = Posture { odometry_from_tool: hand, base };
-        // A door that moves when the hand stops runs into it.
+        // If the hand stops, a door that still moves runs into it.
         let left = self.leaf.map_or(self.goal, |leaf| self.goal + self.watch.slip() - leaf.angle);
         let room = self.room.map_or(1.0, |room| ((room - ROOM_MIN) / ROOM_SLOW).clamp(PACE_MIN, 1.0));
         let opening = self.opening.get_or_insert_with(|| Opening::new(&posture, self.radius, self.opens));
-        // A door that is pushed is slower anyway, and does not run into the hand.
+        // A pushed door is slower anyway, and does not run into the hand.
         let slowest = if opening.pushes() { PUSH_PACE_MIN } else { PACE_MIN };
         let pace = (left / BRAKE).clamp(slowest, 1.0).min(room) * self.watch.pace();
         let delay = loop_delay(inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64());

@@ -1,4 +1,4 @@
-//! LinearTrajectory: straight ahead.
+//! LinearTrajectory: moves the hand straight ahead.
 
 use super::{FRESH, StuckForce, ramp_dt};
 use crate::control::approach::{Approach, Progress as Way};
@@ -29,15 +29,15 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Moves the hand straight along its approach axis: quickly at first, slowly where it may meet something. A hand that
-/// is to touch something moves only while it feels, and has failed if it comes to the end of its way.
+/// Moves the hand straight along its approach axis: fast at first, slowly where it may meet something. A hand that has
+/// to touch something moves only while the wrist sensor works, and fails if it reaches the end of its path.
 #[derive(Debug)]
 pub(super) struct LinearTrajectory {
     way: Approach,
     at: Way,
-    /// +1 ahead, -1 back.
+    /// +1 for ahead, -1 for back.
     sense: f64,
-    /// Whether it is to touch something on the way.
+    /// Whether the hand has to touch something on the way.
     touches: bool,
     stuck: StuckForce,
     /// The time since the wrist sensor was fresh.
@@ -45,7 +45,8 @@ pub(super) struct LinearTrajectory {
 }
 
 impl LinearTrajectory {
-    /// Says whether a hand that is to touch something feels, or why it never will.
+    /// Returns whether a hand that has to touch something feels now. The error is the reason why it will not feel any
+    /// more.
     fn feels(&mut self, tick: Tick, force: &In<FtState>) -> Result<bool, String> {
         if !self.touches {
             return Ok(true);
@@ -118,7 +119,8 @@ impl Controller for LinearTrajectory {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
+        // The controller that moves the hand learns of the end at once, and does not have to wait until the last
+        // velocity expires.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -13,8 +13,8 @@ use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
 
-/// The delay of the force loop besides its hops (s), and the number of its hops: sensor, this, RedundancyResolution,
-/// Puma560Ctrl, arm.
+/// The delay of the force loop in addition to its hops (s), and the number of its hops: sensor, this controller,
+/// RedundancyResolution, Puma560Ctrl, arm.
 const LAG: f64 = 0.035;
 const HOPS: f64 = 4.0;
 const TIMEOUT: Duration = Duration::from_secs(12);
@@ -41,10 +41,10 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Presses a lever handle down, giving way sideways; ends when it is at its stop or gives way.
+/// Presses a lever handle down and gives way sideways. Ends when the lever is at its stop or gives way.
 #[derive(Debug)]
 pub(super) struct PressHandle {
-    /// Between the fingers while they hold the lever, at least (m).
+    /// The least distance between the fingers while they hold the lever (m).
     width_min: f64,
     press: Option<Press>,
     stuck: StuckForce,
@@ -124,7 +124,8 @@ impl Controller for PressHandle {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
+        // The controller that moves the hand learns of the end at once, and does not have to wait until the last
+        // velocity expires.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -1,5 +1,5 @@
-//! A source with a fixed rate, and a monitor for it. They show the effect of a connection on a rhythm, on any network,
-//! at any load.
+//! A source with a fixed rate, and a monitor for it. They show how a connection changes a rhythm, on any network, at
+//! any load.
 
 use crate::sdk::{
     About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Quantity, Tick,
@@ -9,17 +9,17 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// From one beat to the next.
+/// The time from one beat to the next.
 const PERIOD: Duration = Duration::from_millis(10);
-/// How often the monitor's signals are published, and how long a window of its largest gap is.
+/// The period of the monitor's signals, and the length of a window in which the largest gap is measured.
 const WINDOW: Duration = Duration::from_millis(100);
 
-/// The message of a source, one a period.
+/// The message of a source, one per period.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Beat {
-    /// One more each time.
+    /// The number of the beat; each beat has the next number.
     number: u64,
-    /// Ballast, for data of a certain size.
+    /// Bytes without meaning, for messages of a certain size.
     ballast: Vec<u8>,
 }
 
@@ -78,14 +78,15 @@ pub(super) struct MonitorInputs {
     beat: In<Beat>,
 }
 
-/// Tells how steadily beats arrive: how many have, how many were lost on the way, and the largest gap between two.
+/// Reports how steadily beats arrive: how many have arrived, how many were lost on the way, and the largest gap between
+/// two.
 #[derive(Debug, Default)]
 pub(super) struct RateMonitor {
     last: Option<(u64, Time)>,
     received: u64,
     lost: u64,
-    /// The end of the present window, and the largest gap in it and in the previous window, so that no recorder misses
-    /// one.
+    /// The end of the present window, and the largest gaps in this window and in the previous one. With both, no
+    /// recorder misses a gap.
     window_end: Time,
     gaps: [Duration; 2],
 }

@@ -1,4 +1,4 @@
-//! RedundancyResolution: one hand velocity to base and arm.
+//! RedundancyResolution: distributes one velocity of the hand over base and arm.
 
 use super::{FRESH, SENSED, Watch, ramp_dt};
 use crate::control::redundancy::{Motion, Rates, Resolver};
@@ -33,7 +33,7 @@ pub(super) struct Outputs {
     arm: Out<JointVelocity>,
 }
 
-/// Distributes the velocity of the hand over base and arm; brings both to rest without a command.
+/// Distributes the velocity of the hand over base and arm; without a command, brings both to rest.
 #[derive(Debug, Default)]
 pub(super) struct RedundancyResolution {
     resolver: Resolver,

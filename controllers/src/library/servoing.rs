@@ -9,7 +9,7 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// The time for which one image is followed: three periods of the camera and a busy machine's hold-up.
+/// The time for which one image is used: three periods of the camera, and a delay on a busy machine.
 const IMAGE_FRESH: Duration = Duration::from_millis(160);
 /// The longest wait for a handle that is out of sight.
 const LOST: Duration = Duration::from_secs(5);
@@ -41,8 +41,8 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Brings the hand before the lever and keeps it there; stands still when the lever is out of sight, gives up after 5
-/// s.
+/// Brings the hand before the lever and keeps it there. Stands still while the lever is out of sight, and gives up
+/// after 5 s.
 #[derive(Debug, Default)]
 pub(super) struct VisualServoing {
     calibration: Calibration,
@@ -84,7 +84,7 @@ impl Controller for VisualServoing {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        // No two images are equal to the bit: a camera that hangs and sends its last one again shows nothing.
+        // No two images are identical: if a camera hangs and sends its last image again, this image is ignored.
         let image = inputs.camera.fresh().map(|image| image.marks).filter(|marks| Some(*marks) != self.last);
         self.last = image.or(self.last);
         if let Some([Some(a), Some(b), Some(c), Some(d)]) = image {
@@ -104,7 +104,8 @@ impl Controller for VisualServoing {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
+        // The controller that moves the hand learns of the end at once, and does not have to wait until the last
+        // velocity expires.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

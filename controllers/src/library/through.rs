@@ -16,7 +16,7 @@ use comms::logic::signals::Signal;
 use nalgebra::{Isometry2, Vector3};
 use std::time::Duration;
 
-/// Fingers this far apart hold no handle (m).
+/// Fingers further apart than this hold no handle (m).
 const OPEN: f64 = 0.06;
 /// The longest search for leaf and wall, and the longest wait at rest for inputs that are too old.
 const LOOK: Duration = Duration::from_secs(2);
@@ -62,7 +62,7 @@ pub(super) struct DriveThrough {
 }
 
 impl DriveThrough {
-    /// A new sweep with base and arm as they were then.
+    /// Returns a new sweep, with the poses of base and arm at its time.
     fn sweep(&self, inputs: &Inputs) -> Option<Sweep> {
         let sweep = inputs.laser.fresh()?;
         let at = inputs.laser.measured()?;
@@ -85,7 +85,7 @@ impl DriveThrough {
     }
 }
 
-/// The reason for a failure.
+/// Returns the abort for a failure, with its reason.
 fn refuse(failure: Failure, margin: f64) -> Progress {
     let margin = 1e3 * margin;
     let reason = match failure {
@@ -155,7 +155,7 @@ impl Controller for DriveThrough {
         let gripper = inputs.gripper.fresh_within(tick.now, SENSED);
         let is_seeing = inputs.laser.fresh_within(tick.now, SENSED).is_some();
         let (Some((pose, moved)), Some((arm, turned)), Some(gripper), true) = (pose, arm, gripper, is_seeing) else {
-            // Without eyes it does not move; the others see a fresh zero.
+            // Without sensors the controller does not move the robot. The other controllers receive a fresh zero.
             outputs.velocity.send(rest);
             self.blind += tick.elapsed;
             let why = "inputs are too old: odometry, joint angles, the laser or the gripper's width";
@@ -187,7 +187,7 @@ impl Controller for DriveThrough {
         };
         match step {
             Step::Move(rates) => {
-                // All nine rates have to stay unchanged: the hand follows from them.
+                // All nine rates have to stay unchanged: the motion of the hand follows from them.
                 let forward = puma560::forward(&joints);
                 let twist = jacobian_in_base(&forward) * rates;
                 let tool = forward.base_from_tool.rotation.inverse();
@@ -209,7 +209,8 @@ impl Controller for DriveThrough {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // The controller that moves the base learns of the end at once, instead of after the last velocity has expired.
+        // The controller that moves the base learns of the end at once, and does not have to wait until the last
+        // velocity expires.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -24,11 +24,11 @@ use nalgebra::Vector3;
 use server::Servers;
 use std::time::Duration;
 
-/// A plant that was held up longer than this loses the time.
+/// If a plant is delayed by more than this, it skips the lost time.
 const CATCH_UP_MAX: Duration = Duration::from_secs(2);
 const SIGNALS_EVERY: Duration = Duration::from_millis(40);
-/// The longest stop of the plant: arm and base come to rest first, and the arm takes up to 3.5 s. A drive that has had no
-/// command for a while has been left by its controller.
+/// The longest stop of the plant: arm and base come to rest first, and the arm takes up to 3.5 s. A drive without a
+/// command for `LEFT_AFTER` is no longer used by its controller.
 const STOP_WITHIN: Duration = Duration::from_millis(3500);
 const LEFT_AFTER: Duration = Duration::from_millis(500);
 /// A visitor's push grows for this long (s), then ends.
@@ -79,7 +79,8 @@ pub(super) struct Outputs {
 pub(super) struct DoorWorld {
     setup: Setup,
     delays: Delays,
-    /// The time at which a visitor begins to push the hand (s), never if negative, and the final force (N).
+    /// The time at which a visitor begins to push the hand (s), and the final force (N). With a negative time, no
+    /// visitor comes.
     push: (f64, f64),
     failing: Failing,
     /// The locks and queues of the devices. They outlive a restart of the plant.
@@ -92,7 +93,7 @@ pub(super) struct DoorWorld {
 struct State {
     plant: Plant,
     began: Time,
-    /// Where the base believes that it is.
+    /// The pose of the base that its odometry reports.
     odometry: Odometry,
     due: [Due; 6],
     delays: Delays,
@@ -102,7 +103,7 @@ struct State {
     samples: Samples,
     failure: Failure,
     peak: Peak,
-    /// When it was told to stop.
+    /// When the plant was told to stop.
     stopping: Option<Time>,
 }
 
@@ -153,7 +154,7 @@ struct Bus<'a> {
     random: &'a mut Random,
 }
 
-/// An absolute rhythm.
+/// A rhythm with fixed times.
 #[derive(Clone, Copy, Debug)]
 struct Due {
     period: Duration,
@@ -161,7 +162,7 @@ struct Due {
 }
 
 impl Due {
-    /// Returns whether it is time; a rhythm that was missed is not made up for.
+    /// Returns whether the next time has come. Missed times are skipped.
     fn is_now(&mut self, now: Time) -> bool {
         let due = now >= self.next;
         while self.next <= now {
@@ -177,7 +178,7 @@ struct Peak {
     window: Due,
     now: f64,
     before: f64,
-    /// Since the start.
+    /// The largest force since the start.
     ever: f64,
 }
 
@@ -211,7 +212,7 @@ impl State {
         }
     }
 
-    /// Takes new commands, and applies the commands that have reached their device.
+    /// Takes new commands, and obeys the commands that have reached their device.
     fn obey(&mut self, now: Time, inputs: &Inputs, servers: &mut Servers) {
         let orders = [
             inputs.arm.fresh().cloned().map(Order::Arm),
@@ -269,7 +270,7 @@ impl State {
         }
     }
 
-    /// Returns whether the controllers of arm and base have let go of them, or never will.
+    /// Returns whether the controllers of arm and base have let go of them, or will not do so in time.
     fn is_left(&mut self, now: Time) -> bool {
         let began = *self.stopping.get_or_insert(now);
         let Plant { arm_drive, base_drive, .. } = &self.plant;
@@ -368,7 +369,7 @@ impl State {
     }
 }
 
-/// Returns the commands that have come as messages.
+/// Returns the commands that have arrived as messages.
 fn queued(now: Time, servers: &mut Servers) -> Vec<Order> {
     let Servers { base, arm, gripper } = servers;
     let mut orders = Vec::new();
@@ -392,7 +393,7 @@ fn signal(name: &str, unit: &str, value: f64, headline: bool) -> Signal {
 }
 
 impl DoorWorld {
-    /// Lets the time pass until now.
+    /// Advances the plant to the present time.
     fn work(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) {
         let Some(state) = &mut self.state else { return };
         state.obey(tick.now, inputs, &mut self.servers);
@@ -448,7 +449,7 @@ impl Controller for DoorWorld {
         Progress::Continue
     }
 
-    /// The robot and its door go on until the controllers have brought arm and base to rest.
+    /// Robot and door continue until the controllers have brought arm and base to rest.
     fn stop(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Stopping {
         self.work(tick, inputs, outputs);
         let is_left = self.state.as_mut().is_none_or(|state| state.is_left(tick.now));

@@ -1,8 +1,9 @@
 //! The robot's body: its collisions, and the effect of forces on its drives.
 //!
-//! From above: the base is a disc, the arm three capsules, and leaf, jambs and walls are stretches. All are as high as
-//! the robot. The fingers are left out, for they are there to touch. A drive is a velocity servo of finite stiffness: a
-//! force makes it slower or faster by a little (its droop), and beyond the torque that its motor has it gives way.
+//! Seen from above, the base is a disc, the arm consists of three capsules, and leaf, jambs and walls are stretches.
+//! All are as high as the robot. The fingers are left out, because they are there to touch things. A drive is a
+//! velocity servo of finite stiffness. A force makes it a little slower or faster (its droop). Beyond the torque of its
+//! motor, the drive gives way.
 //!
 //! Source: torques of Armstrong, Khatib, Burdick, "The explicit dynamic model and inertial parameters of the PUMA 560
 //! arm", ICRA 1986, table of maximum torques; all other numbers are our choice. The arm's own weight is left out.
@@ -13,7 +14,7 @@ use crate::control::puma560::{A, ALPHA, D, Joints, MOUNT_HEIGHT};
 use crate::control::redundancy::Rates;
 use nalgebra::{Isometry3, Point2, UnitQuaternion, Vector2, Vector3};
 
-/// A stretch of wall, from above (m).
+/// A stretch of wall, seen from above: its two ends (m).
 pub type Wall = (Vector2<f64>, Vector2<f64>);
 
 /// Largest torques of the joints (Nm).
@@ -22,36 +23,37 @@ const TORQUES_MAX: [f64; 6] = [97.6, 186.4, 89.4, 24.2, 20.1, 21.3];
 const YAW_ARM: f64 = 0.3;
 /// The rate that a newton or newton metre adds to a drive: base x, y (m/s), yaw (rad/s), joints (rad/s).
 const DROOP: [f64; 9] = [5e-5, 5e-5, 1e-4, 1e-4, 1e-4, 1e-4, 5e-4, 5e-4, 5e-4];
-/// The same for the part beyond the motor's torque.
+/// The same for the part of a force beyond the motor's torque.
 const YIELD: [f64; 9] = [2e-3, 2e-3, 1e-2, 2e-2, 2e-2, 2e-2, 0.2, 0.2, 0.2];
 const BASE_RADIUS: f64 = 0.31;
-/// Of upper arm, forearm and wrist (m).
+/// The radii of upper arm, forearm and wrist (m).
 const RADII: [f64; 3] = [0.09, 0.07, 0.05];
-/// From the wrist's centre to where the fingers begin (m).
+/// The distance from the wrist's centre to where the fingers begin (m).
 const WRIST_LENGTH: f64 = 0.10;
-/// Of the skin against a wall (N/m).
+/// The stiffness of the robot's skin against a wall (N/m).
 const STIFFNESS: f64 = 2e4;
-/// Of the bumper around the base (N/m), and its travel (m): beyond that it is as stiff as the skin elsewhere.
+/// The stiffness of the bumper around the base (N/m), and its travel (m). Beyond this travel the base is as stiff as
+/// the skin elsewhere.
 const BUMPER: f64 = 2e3;
 const TRAVEL: f64 = 0.045;
 
 /// A force on a part of the robot, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
-    /// The point it acts at (m).
+    /// The point at which the force acts (m).
     pub at: Vector3<f64>,
-    /// (N).
+    /// The force (N).
     pub force: Vector3<f64>,
-    /// (Nm).
+    /// The torque (Nm).
     pub torque: Vector3<f64>,
-    /// The number of joints between the base and the part.
+    /// The number of joints between the base and this part.
     pub joints: usize,
 }
 
 /// A part of the robot against a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// On the part.
+    /// The load on the part.
     pub load: Load,
     /// The index of the wall.
     pub wall: usize,
@@ -65,16 +67,16 @@ pub struct Body {
     base: Pose,
     /// Axis and origin of each joint, world frame.
     axes: [(Vector3<f64>, Vector3<f64>); 6],
-    /// Shoulder, elbow, wrist's centre, where the fingers begin (m).
+    /// Shoulder, elbow, wrist's centre, and where the fingers begin (m, world frame).
     points: [Vector3<f64>; 4],
 }
 
 /// The effect of forces on the drives: base x, y (m/s), yaw (rad/s), base axes, then joints (rad/s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Yielding {
-    /// The part that the servos allow; the encoders see it.
+    /// The part that the servos allow; the encoders measure it.
     pub droop: Rates,
-    /// The part beyond the motors; wheels slip, so only the arm's encoders see it.
+    /// The part beyond the motors' torque. The wheels slip, so only the arm's encoders measure it.
     pub excess: Rates,
 }
 
@@ -103,7 +105,7 @@ impl Body {
         walls.iter().map(room).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns the collisions of its parts.
+    /// Returns the collisions of the robot's parts with the walls.
     pub fn hits(&self, walls: &[Wall]) -> Vec<Hit> {
         let middle = self.base.xy().push(MOUNT_HEIGHT);
         let [shoulder, elbow, wrist, fingers] = self.points;
@@ -144,7 +146,7 @@ impl Body {
         Yielding { droop: Rates::from_fn(|i, _| torques[i] * DROOP[i] * machine.droop), excess }
     }
 
-    /// The forces (N) and torques (Nm) of one load along the axes of base and joints: its virtual work.
+    /// Returns the forces (N) and torques (Nm) of one load along the axes of base and joints, by its virtual work.
     pub fn torques(&self, load: &Load) -> Rates {
         let (s, c) = self.base.z.sin_cos();
         let arm = load.at - self.base.xy().push(0.0);
@@ -166,7 +168,8 @@ fn pressed(depth: f64, joints: usize) -> f64 {
     if joints == 0 { BUMPER * depth + STIFFNESS * (depth - TRAVEL).max(0.0) } else { STIFFNESS * depth }
 }
 
-/// The point of a part that is nearest to a wall, as a share of the part's length, and the nearest point on the wall.
+/// Returns the point of a part that is nearest to a wall, as a share of the part's length, and the nearest point on the
+/// wall.
 fn nearest(part: &Wall, wall: &Wall) -> (f64, Vector2<f64>) {
     let along = part.1 - part.0;
     let on_wall = |p: &Vector2<f64>| {
@@ -174,7 +177,7 @@ fn nearest(part: &Wall, wall: &Wall) -> (f64, Vector2<f64>) {
         wall.0 + stretch * ((p - wall.0).dot(&stretch) / stretch.norm_squared().max(1e-12)).clamp(0.0, 1.0)
     };
     let share_of = |p: &Vector2<f64>| ((p - part.0).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    // Of two stretches that do not cross, an end of one is nearest; capsules are stopped long before they cross.
+    // If two stretches do not cross, an end of one of them is nearest. Capsules are stopped long before they cross.
     let shares = [0.0, 1.0, share_of(&wall.0), share_of(&wall.1)];
     let places = shares.map(|share| (share, on_wall(&(part.0 + along * share))));
     let distance = |(share, at): &(f64, Vector2<f64>)| {
@@ -194,7 +197,7 @@ mod tests {
 
     #[test]
     fn torques_are_the_virtual_work_of_a_force() {
-        // The work of a force over a small step of each axis, by the forward kinematics that the plant moves with.
+        // The work of a force over a small step of each axis, by the same forward kinematics as in the plant.
         let (base, joints) = (Pose::new(-1.4, 0.3, 0.2), puma560::door_posture() + Joints::repeat(0.1));
         let place = |base: &Pose, joints: &Joints| {
             let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), base.z);
@@ -215,7 +218,7 @@ mod tests {
                 _ => turned[i - 3] += h,
             }
             let work = force.dot(&(place(&moved, &turned) - at)) / h;
-            // A forward difference: second derivatives of a metre or two times 40 N times half of h.
+            // The error of a forward difference: second derivatives of a metre or two, times 40 N, times half of h.
             assert!((work - torques[i]).abs() < 1e-4, "{i}: {work} {}", torques[i]);
         }
     }
@@ -245,7 +248,7 @@ mod tests {
         let hits = body(Pose::new(-0.30, 0.0, std::f64::consts::PI)).hits(&[wall]);
         let base = hits.iter().find(|hit| hit.load.joints == 0).expect("the base is in the wall");
         assert!((base.load.force - Vector3::new(-20.0, 0.0, 0.0)).norm() < 1e-6, "{base:?}");
-        // Behind its travel of 45 mm is the base: 5 mm of that are 100 N more.
+        // Behind the bumper's travel of 45 mm is the base: 5 mm beyond it add 100 N.
         let hits = body(Pose::new(-0.26, 0.0, std::f64::consts::PI)).hits(&[wall]);
         assert!(hits.iter().any(|hit| (hit.load.force - Vector3::new(-200.0, 0.0, 0.0)).norm() < 1e-6), "{hits:?}");
         // A corner pushes away from itself.

@@ -1,15 +1,15 @@
 //! A camera on the hand that finds the marks on the lever.
 //!
-//! Its mounting and its focal length are the true ones. The values that a controller believes belong to the controller.
+//! The mounting and the focal length are the true ones. The values that a controller assumes belong to the controller.
 
 use super::door::Handle;
 use crate::control::servoing::MARKS;
 use crate::sdk::Random;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// Beyond this a mark is too small to be found (m).
+/// A mark further away than this is too small to be found (m).
 const DEPTH_MAX: f64 = 3.0;
-/// Closer than this nothing is sharp (m).
+/// A mark closer than this is not sharp (m).
 const DEPTH_MIN: f64 = 0.02;
 /// Width and height of the image (px); its centre is the principal point.
 const IMAGE: [f64; 2] = [640.0, 480.0];
@@ -17,19 +17,19 @@ const IMAGE: [f64; 2] = [640.0, 480.0];
 /// A camera with its true mounting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Pose of the camera in the tool frame, z along the optical axis.
+    /// Pose of the camera in the tool frame (m), z along the optical axis.
     pub tool_from_camera: Isometry3<f64>,
     /// Focal length (px).
     pub focal: f64,
-    /// Of a row or column (px, standard deviation).
+    /// The noise of a row or column (px, standard deviation).
     pub pixel_noise: f64,
-    /// Of the depths of one image, as a share of them (standard deviation).
+    /// The noise of the depths of one image, as a share of the depth (standard deviation).
     pub depth_noise: f64,
 }
 
 impl Camera {
-    /// Returns column, row (px) and depth (m) of each mark in view: in front, within the image, on the side that faces
-    /// it.
+    /// Returns column, row (px) and depth (m) of each mark in view: in front of the camera, within the image, and on
+    /// the side of the lever that faces the camera.
     pub fn look(
         &self,
         world_from_tool: &Isometry3<f64>,
@@ -52,7 +52,7 @@ impl Camera {
         })
     }
 
-    /// The image (px) and the depth (m) of a point of the camera frame (m).
+    /// Returns the place in the image (px) and the depth (m) of a point of the camera frame (m), if the camera sees it.
     fn project(&self, point: &Vector3<f64>) -> Option<([f64; 2], f64)> {
         if point.z < DEPTH_MIN {
             return None;

@@ -1,32 +1,35 @@
-//! The contact of hand and lever: a push before the grasp, a bushing after it.
+//! The contact of hand and lever: before the grasp the lever pushes the fingertips; after it, the lever is held as in a
+//! bushing.
 
 use super::door::Handle;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// The share of the lever's offset that closed fingers leave, handle axes: all of it along the lever, nothing across.
+/// The share of the lever's offset that remains after the fingers have closed, handle axes: all of it along the lever,
+/// nothing across.
 const CENTRED: Vector3<f64> = Vector3::new(1.0, 0.0, 0.3);
 
 /// The contact of hand and lever.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// Of a fingertip against the lever (N/m).
+    /// The stiffness of a fingertip against the lever (N/m).
     pub touch_stiffness: f64,
-    /// (N s/m).
+    /// The damping of a fingertip against the lever (N s/m).
     pub touch_damping: f64,
     /// The largest distance from the lever's middle at which a fingertip meets it (m).
     pub touch_reach: f64,
     /// The largest distance from the lever's middle at which closing fingers meet it (m).
     pub grasp_reach: f64,
-    /// The largest angle between hand and lever at which the fingers close on it (rad): of the approach, and
-    /// the lever's direction either way round.
+    /// The largest angle between hand and lever at which the fingers close on the lever (rad). It holds for the approach,
+    /// and for the lever's direction either way round.
     pub grasp_turn: f64,
-    /// Of the lever in closed fingers (N/m).
+    /// The stiffness of the closed fingers that hold the lever (N/m).
     pub stiffness: f64,
-    /// (N s/m).
+    /// The damping of the closed fingers that hold the lever (N s/m).
     pub damping: f64,
-    /// The same against turning, handle axes (Nm/rad): weak about y, along which the fingers close, and about z.
+    /// The stiffness of the closed fingers against turning, handle axes (Nm/rad). It is low about y, along which the
+    /// fingers close, and about z.
     pub turn_stiffness: [f64; 3],
-    /// (Nm s/rad).
+    /// The damping of the closed fingers against turning (Nm s/rad).
     pub turn_damping: f64,
     /// A held lever slips out at this force (N).
     pub slip_force: f64,
@@ -52,23 +55,23 @@ impl Default for Description {
     }
 }
 
-/// The hand as the contact sees it, world frame.
+/// Pose and motion of the hand, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hand {
-    /// Pose of the grasp point.
+    /// Pose of the grasp point (m).
     pub world_from_tool: Isometry3<f64>,
-    /// (m/s).
+    /// The velocity of the grasp point (m/s).
     pub velocity: Vector3<f64>,
-    /// (rad/s).
+    /// The angular velocity (rad/s).
     pub angular: Vector3<f64>,
 }
 
 /// A force (N) and a torque (Nm) about the grasp point on the hand, world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Push {
-    /// (N).
+    /// The force (N).
     pub force: Vector3<f64>,
-    /// (Nm).
+    /// The torque (Nm).
     pub torque: Vector3<f64>,
 }
 
@@ -77,7 +80,8 @@ pub struct Push {
 pub struct Grasp {
     description: Description,
     held: Option<Held>,
-    /// The fingertips are to the side of the lever, further in than its face. From there they do not meet the face.
+    /// Whether the fingertips are to the side of the lever, further in than its face. From there they do not meet the
+    /// face.
     is_beside: bool,
 }
 
@@ -86,14 +90,14 @@ pub struct Grasp {
 struct Held {
     /// The position of the hand at which the fingers do not strain the lever, in the handle frame (m).
     offset: Vector3<f64>,
-    /// The same once the fingers have centred the lever (m).
+    /// The same position after the fingers have centred the lever (m).
     centred: Vector3<f64>,
-    /// The hand in the handle frame, when it closed.
+    /// The orientation of the hand in the handle frame when the fingers closed.
     rotation: UnitQuaternion<f64>,
 }
 
 impl Grasp {
-    /// Returns open fingers.
+    /// Returns a grasp with open fingers.
     pub fn new(description: Description) -> Self {
         Self { description, held: None, is_beside: false }
     }
@@ -122,8 +126,8 @@ impl Grasp {
         self.held = Some(Held { offset, centred: offset.component_mul(&CENTRED), rotation: pose.rotation });
     }
 
-    /// Lets the fingers centre a held lever as far as they can while they press with `force` (N): fully across, partly
-    /// along the approach. The lever stays where they have centred it.
+    /// Lets the fingers centre a held lever as far as they can while they press with `force` (N): fully across, and
+    /// partly along the approach. The lever stays where the fingers have centred it.
     pub fn centre(&mut self, hand: &Hand, handle: &Handle, force: f64) {
         let Some(held) = &mut self.held else { return };
         let here = handle.world_from_handle.inv_mul(&hand.world_from_tool).translation.vector;
@@ -140,7 +144,7 @@ impl Grasp {
         self.held = None;
     }
 
-    /// Returns the push of the door on the hand. Above a certain force the lever slips out.
+    /// Returns the push of the door on the hand. Above a certain force, the lever slips out of the fingers.
     pub fn push(&mut self, hand: &Hand, handle: &Handle) -> Push {
         let Some(Held { offset, rotation, .. }) = &mut self.held else { return self.touch(hand, handle) };
         let Description { stiffness, damping, turn_stiffness, turn_damping, slip_force, turn_slip, .. } =
@@ -150,7 +154,7 @@ impl Grasp {
         let world_from_held = handle.world_from_handle.rotation * *rotation;
         let twist = (hand.world_from_tool.rotation * world_from_held.inverse()).scaled_axis();
         let mut twist_in_handle = handle.world_from_handle.rotation.inverse() * twist;
-        // Beyond the torque that the pads hold, the lever turns between them and stays turned.
+        // Beyond the torque that the pads can hold, the lever turns between the fingers and stays turned.
         let most = turn_slip / turn_stiffness[1];
         let slipped = twist_in_handle.y - twist_in_handle.y.clamp(-most, most);
         *rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), slipped) * *rotation;
@@ -166,13 +170,13 @@ impl Grasp {
         push
     }
 
-    /// Fingertips against the lever.
+    /// Returns the push of the lever on the fingertips of open fingers.
     fn touch(&mut self, hand: &Hand, handle: &Handle) -> Push {
         let is = &self.description;
         let offset = hand.world_from_tool.translation.vector - handle.world_from_handle.translation.vector;
         let beyond = -offset.dot(&handle.outward);
         let beside = offset + handle.outward * beyond;
-        // A lever that comes back from beside the fingers once met them with 725 N, as if they had been pressed 60 mm
+        // A lever that came back from beside the fingers once met them with 725 N, as if they had been pressed 60 mm
         // into it.
         self.is_beside = beyond > 0.0 && (self.is_beside || beside.norm() > is.touch_reach);
         if beyond <= 0.0 || self.is_beside {
@@ -202,7 +206,7 @@ mod tests {
         let (here, straight) = (Vector3::zeros(), Vector3::zeros());
         assert!(reaches(here, straight) && reaches(Vector3::new(0.02, 0.01, 0.0), straight));
         assert!(!reaches(Vector3::new(0.036, 0.0, 0.0), straight));
-        // The other way round is as good; across or askew is not: 0.35 rad are 20 degrees.
+        // The opposite direction of the lever is as good. A hand across or askew is not: 0.35 rad are 20 degrees.
         assert!(reaches(here, Vector3::z() * std::f64::consts::PI));
         assert!(!reaches(here, Vector3::z() * std::f64::consts::FRAC_PI_2));
         for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
@@ -211,7 +215,7 @@ mod tests {
     }
 
     /// The fingers pull hand and lever together only with the force of their press. Without that limit, a lever off
-    /// centre in a stiff grasp (48 kN/m x 12 mm = 576 N) would be hit.
+    /// centre in a stiff grasp would be hit with 48 kN/m x 12 mm = 576 N.
     #[test]
     fn fingers_centre_a_lever_with_no_more_than_their_force() {
         let handle = Door::new(door::Description::default()).handle();
@@ -223,7 +227,7 @@ mod tests {
             grasp.centre(&aside, &handle, force);
             assert!((grasp.push(&aside, &handle).force.norm() - force).abs() < 1e-9);
         }
-        // A hand that follows is centred; nothing is strained then, and it stays so.
+        // A hand that gives way becomes centred. Then nothing is strained, and this remains so.
         let middle = hand(&handle, Vector3::zeros(), Vector3::zeros());
         grasp.centre(&middle, &handle, 40.0);
         assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
@@ -261,7 +265,7 @@ mod tests {
             assert!((torque(Vector3::y() * turn) - Vector3::y() * felt).norm() < 1e-9, "{turn}");
         }
         assert!((grasp.push(&hand(&handle, Vector3::zeros(), Vector3::y() * 0.25), &handle).torque).norm() < 1e-9);
-        // About the lever it does not.
+        // About its own direction, the lever does not turn between the fingers.
         let mut grasp = Grasp::new(Description::default());
         grasp.take(&hand(&handle, Vector3::zeros(), Vector3::zeros()), &handle);
         let push = grasp.push(&hand(&handle, Vector3::zeros(), Vector3::x() * 0.5), &handle);

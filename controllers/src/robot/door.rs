@@ -85,9 +85,9 @@ impl Default for Description {
 /// The side of the hinge, as the robot sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// Hinged on the left; the lever points to the left as well.
+    /// The hinge is on the left; the lever points to the left as well.
     Left,
-    /// On the right.
+    /// The hinge is on the right; the lever points to the right as well.
     Right,
 }
 
@@ -96,16 +96,16 @@ pub enum Side {
 pub enum Swing {
     /// Towards the robot.
     Pull,
-    /// Away from it.
+    /// Away from the robot.
     Push,
 }
 
 /// The state of the lock: a lever frees the latch only if the door is unlocked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lock {
-    /// It does.
+    /// The lever frees the latch.
     Unlocked,
-    /// It does not.
+    /// The lever does not free the latch.
     Locked,
 }
 
@@ -113,33 +113,33 @@ pub enum Lock {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Door {
     description: Description,
-    /// Angle (rad) and rate (rad/s) of the leaf, positive open.
+    /// The angle of the leaf (rad), and its rate (rad/s), positive when it opens.
     pub angle: f64,
     rate: f64,
-    /// Angle (rad) and rate (rad/s) of the lever, positive down.
+    /// The angle of the lever (rad), and its rate (rad/s), positive downwards.
     pub lever: f64,
     lever_rate: f64,
-    /// The least angle of the leaf since the latch has caught it (rad): its bolt lets the leaf in, and not out.
+    /// The least angle of the leaf since the latch has caught it (rad): the bolt lets the leaf in, but not out.
     caught: Option<f64>,
 }
 
 /// Pose and motion of the handle in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
-    /// Pose: x along the lever from its axis outwards, z into the door.
+    /// The pose of the handle: x along the lever, away from its axis, z into the door.
     pub world_from_handle: Isometry3<f64>,
-    /// The lever's axis (m).
+    /// A point on the lever's axis (m).
     pub axis: Vector3<f64>,
-    /// Out of the door, towards the robot.
+    /// The direction out of the door, towards the robot, a unit vector.
     pub outward: Vector3<f64>,
-    /// Of the handle's origin (m/s).
+    /// The velocity of the handle's origin (m/s).
     pub velocity: Vector3<f64>,
-    /// (rad/s).
+    /// The angular velocity (rad/s).
     pub angular: Vector3<f64>,
 }
 
 impl Door {
-    /// Returns the door closed, its lever up.
+    /// Returns the closed door, with its lever up.
     pub fn new(description: Description) -> Self {
         Self { description, angle: 0.0, rate: 0.0, lever: 0.0, lever_rate: 0.0, caught: Some(0.0) }
     }
@@ -149,17 +149,17 @@ impl Door {
         &self.description
     }
 
-    /// Returns where the hinge is (m).
+    /// Returns the place of the hinge (m).
     pub fn hinge(&self) -> Vector2<f64> {
         Vector2::new(0.0, self.mirror() * self.description.radius)
     }
 
-    /// Returns the free edge of the leaf (m).
+    /// Returns the place of the leaf's free edge (m).
     pub fn edge(&self) -> Vector2<f64> {
         self.hinge() + self.along() * (self.description.radius + self.description.leaf_beyond)
     }
 
-    /// +1 for a hinge on the left, -1 on the right.
+    /// Returns +1 for a hinge on the left, -1 for a hinge on the right.
     pub fn mirror(&self) -> f64 {
         match self.description.side {
             Side::Left => 1.0,
@@ -167,7 +167,7 @@ impl Door {
         }
     }
 
-    /// The sense in which the leaf turns when it opens: +1 counter-clockwise seen from above.
+    /// Returns the sense in which the leaf turns when it opens: +1 for counter-clockwise seen from above, else -1.
     fn sense(&self) -> f64 {
         match self.description.swing {
             Swing::Pull => -self.mirror(),
@@ -175,13 +175,13 @@ impl Door {
         }
     }
 
-    /// From the hinge along the leaf.
+    /// Returns the direction from the hinge along the leaf, a unit vector.
     fn along(&self) -> Vector2<f64> {
         let (s, c) = (self.sense() * self.angle).sin_cos();
         Vector2::new(s, -c) * self.mirror()
     }
 
-    /// Returns the handle.
+    /// Returns pose and motion of the handle.
     pub fn handle(&self) -> Handle {
         let Description { radius, lever_length, lever_standoff, .. } = self.description;
         let along = self.along().push(0.0);
@@ -204,12 +204,12 @@ impl Door {
         }
     }
 
-    /// About which the lever turns downwards.
+    /// Returns the axis about which the lever turns downwards.
     fn lever_axis(&self) -> Vector3<f64> {
         (-self.along().push(0.0)).cross(&-Vector3::z())
     }
 
-    /// Lets a force (N) act on the leaf at a place (m) for `dt` (s), from above.
+    /// Lets a force (N) act on the leaf at the place `at` (m) for `dt` (s), both seen from above.
     pub fn push_leaf(&mut self, at: &Vector2<f64>, force: &Vector2<f64>, dt: f64) {
         self.rate += dt * self.sense() * (at - self.hinge()).perp(force) / self.description.inertia;
     }
@@ -280,7 +280,7 @@ mod tests {
         assert!(pulled(Lock::Locked, 0.6).abs() < 0.1);
     }
 
-    /// A latch that pulled the leaf shut at once threw it at the hand with 0.6 m/s.
+    /// A latch that pulled the leaf shut at once used to throw it at the hand with 0.6 m/s.
     #[test]
     fn a_leaf_that_is_caught_ajar_goes_in_and_not_out() {
         let mut door = door(Side::Left, Swing::Pull);
@@ -304,13 +304,13 @@ mod tests {
     fn each_door_opens_its_own_way() {
         for (side, swing) in EVERY_WAY {
             let mut door = door(side, swing);
-            // Closed, every leaf is in the wall, its handle before the robot, its lever pointing to the hinge.
+            // Every closed leaf is in the wall. Its handle is before the robot, and its lever points to the hinge.
             let handle = door.handle();
             assert!((handle.world_from_handle.translation.vector - Vector3::new(-0.06, 0.0, 1.05)).norm() < 1e-12);
             assert!((handle.outward + Vector3::x()).norm() < 1e-12 && door.edge().x.abs() < 1e-12);
             let lever = handle.world_from_handle.rotation * Vector3::x();
             assert!((lever - Vector3::y() * door.mirror()).norm() < 1e-12);
-            // Half a radian open, its edge is on the robot's side, or on the other.
+            // If the leaf is half a radian open, its edge is on the robot's side or on the other side.
             door.angle = 0.5;
             let towards = if swing == Swing::Pull { -1.0 } else { 1.0 };
             assert!((door.edge().x - towards * 0.9 * 0.5f64.sin()).abs() < 1e-12);
@@ -343,7 +343,7 @@ mod tests {
                 let leaf = |handle: &Handle| handle.axis - handle.outward * 0.06;
                 work += force.dot(&(leaf(&door.handle()) - leaf(&before))) * 0.82 / 0.91;
             }
-            // The lever turns a little within a step; its share of the way is not the leaf's.
+            // The lever turns a little within a step, and the leaf does not gain this part of the work.
             let energy = 0.5 * 6.75 * door.rate * door.rate;
             assert!((work - energy).abs() < 0.02 * energy, "{side:?} {swing:?}: {work} J, {energy} J");
         }
@@ -358,7 +358,7 @@ mod tests {
             (door.angle, door.lever) = (0.4 + 0.3e-6, 0.2 - 0.5e-6);
             let after = door.handle();
             let step = after.world_from_handle.translation.vector - before.world_from_handle.translation.vector;
-            // A forward difference of 1 us: its error is the acceleration times half of that.
+            // A forward difference over 1 us: its error is the acceleration times half of that.
             assert!((step / 1e-6 - before.velocity).norm() < 1e-5);
             let turn = (after.world_from_handle.rotation * before.world_from_handle.rotation.inverse()).scaled_axis();
             assert!((turn / 1e-6 - before.angular).norm() < 1e-5);

@@ -1,13 +1,13 @@
-//! Drives and the rules of a device: one owner at a time, and no command lives longer than 100 ms.
+//! Drives and the rules of a device: it has one owner at a time, and no command is valid for longer than 100 ms.
 
 use crate::control::ramp::towards;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// The validity of a command.
+/// The time for which a command is valid.
 pub const WATCHDOG: Duration = Duration::from_millis(100);
 
-/// The controller that may speak to a device.
+/// The controller that may command a device.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Owner {
     name: Option<String>,
@@ -15,8 +15,8 @@ pub struct Owner {
 }
 
 impl Owner {
-    /// Returns whether a command of `name` at `now` counts. Commands of other senders do not until 100 ms after the
-    /// owner's last.
+    /// Returns whether a command of `name` at `now` is obeyed. Commands of other senders are ignored until 100 ms after
+    /// the owner's last command.
     pub fn admit(&mut self, name: &str, now: Time) -> bool {
         let free = self.name.as_deref().is_none_or(|owner| owner == name) || now.since(self.heard) > WATCHDOG;
         if free {
@@ -28,7 +28,7 @@ impl Owner {
         free
     }
 
-    /// Lets go of the device.
+    /// Lets another sender command the device.
     pub fn release(&mut self) {
         self.name = None;
     }
@@ -40,9 +40,9 @@ pub struct Drive<const N: usize> {
     limits: Limits<N>,
     target: [f64; N],
     heard: Option<Time>,
-    /// The last command was to let it go.
+    /// Whether the last command was to let go of the drive.
     released: bool,
-    /// When the watchdog has ended a command last; none if it never had to.
+    /// When the watchdog last ended a command; none if it never did.
     pub stopped: Option<Time>,
     /// The present speed of each axis (SI).
     pub velocity: [f64; N],
@@ -51,11 +51,11 @@ pub struct Drive<const N: usize> {
 /// The limits of a drive (SI).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
-    /// Time constant (s).
+    /// The time constant (s).
     pub lag: f64,
-    /// Per axis, m/s² or rad/s².
+    /// The largest acceleration of each axis (m/s² or rad/s²).
     pub acceleration: [f64; N],
-    /// Per axis, m/s or rad/s.
+    /// The largest speed of each axis (m/s or rad/s).
     pub speed: [f64; N],
 }
 
@@ -65,7 +65,7 @@ impl<const N: usize> Drive<N> {
         Self { limits, target: [0.0; N], heard: None, released: true, stopped: None, velocity: [0.0; N] }
     }
 
-    /// Takes a command, clamped to the speed limits; none brings the axes to rest. A command that is not finite
+    /// Takes a command, clamped to the speed limits. No `target` brings the axes to rest. A command that is not finite
     /// is ignored.
     pub fn command(&mut self, target: Option<&[f64; N]>, now: Time) {
         if target.is_some_and(|target| !target.iter().all(|speed| speed.is_finite())) {
@@ -78,7 +78,8 @@ impl<const N: usize> Drive<N> {
         }
     }
 
-    /// Returns whether its owner has let it go, or has been silent for `patience` since the watchdog ended a command.
+    /// Returns whether the owner has let go of the drive, or has been silent for `patience` since the watchdog ended a
+    /// command.
     pub fn is_left(&self, now: Time, patience: Duration) -> bool {
         let is_silent = |at| self.heard.is_none() && now.since(at) > patience;
         self.released || self.stopped.is_some_and(is_silent)

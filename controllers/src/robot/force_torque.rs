@@ -1,26 +1,26 @@
-//! The wrist sensor: low-pass, offset, noise; can be set to zero.
+//! The wrist sensor: it has a low-pass filter, offset and noise, and can be set to zero.
 
 use crate::control::filter::LowPass;
 use crate::sdk::Random;
 
 const CUTOFF: f64 = 60.0;
-/// Samples of 1 ms averaged when it is set to zero.
+/// The number of samples of 1 ms that are averaged when the sensor is set to zero.
 const ZERO_SAMPLES: u32 = 100;
 
-/// The errors of its readings.
+/// The errors of the sensor's readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
-    /// Of each force (N, standard deviation).
+    /// The noise of each force (N, standard deviation).
     pub force_noise: f64,
-    /// Of each torque (Nm, standard deviation).
+    /// The noise of each torque (Nm, standard deviation).
     pub torque_noise: f64,
-    /// Each force is off by up to this (N), drawn once; setting the sensor to zero takes it out.
+    /// Each force has an offset up to this (N), drawn once. Setting the sensor to zero removes it.
     pub offset: f64,
-    /// A force along the approach that is not there (N) and that setting to zero does not take out: drift.
+    /// The drift: a false force along the approach (N) that setting the sensor to zero does not remove.
     pub bias: f64,
-    /// A false force across the approach in single readings (N), and the share of such readings.
+    /// A false force across the approach in single readings (N); `spikes` is the share of such readings.
     pub spike: f64,
-    /// See above.
+    /// The share of readings with a spike.
     pub spikes: f64,
 }
 
@@ -45,19 +45,19 @@ impl ForceTorque {
         Self { errors, filter, filtered: [0.0; 6], offset, zero: [0.0; 6], zeroing: None, zeroed: 0 }
     }
 
-    /// Begins to set it to zero, if it has been `after` times.
+    /// Begins to set the sensor to zero, if it has been set to zero `after` times.
     pub fn set_zero(&mut self, after: u32) {
         if after == self.zeroed && self.zeroing.is_none() {
             self.zeroing = Some((0, [0.0; 6]));
         }
     }
 
-    /// Returns how often it has been set to zero.
+    /// Returns how often the sensor has been set to zero.
     pub fn zeroed(&self) -> u32 {
         self.zeroed
     }
 
-    /// Lets `dt` (s) pass with `wrench` on the hand.
+    /// Advances the sensor by `dt` (s) with `wrench` (N, Nm, tool axes) on the hand.
     pub fn step(&mut self, wrench: &[f64; 6], dt: f64) {
         self.filtered = self.filter.update(wrench, dt);
         if let Some((count, sum)) = &mut self.zeroing {
@@ -73,7 +73,7 @@ impl ForceTorque {
         }
     }
 
-    /// Returns a reading.
+    /// Returns a reading with its errors (N, Nm, tool axes).
     pub fn read(&self, random: &mut Random) -> [f64; 6] {
         let spike =
             if self.errors.spikes > 0.0 && random.unit() < self.errors.spikes { self.errors.spike } else { 0.0 };

@@ -5,35 +5,35 @@ use super::room::{Stretch, Surface};
 use crate::sdk::Random;
 use nalgebra::{Vector2, Vector3};
 
-/// Rays in a sweep.
+/// The number of rays in a sweep.
 pub const RAYS: u32 = 361;
-/// From the centre of the base to the laser, straight ahead (m).
+/// The distance from the centre of the base to the laser, straight ahead (m).
 pub const AHEAD: f64 = 0.30;
 /// The reading without an echo (m).
 pub const RANGE_MAX: f64 = 8.0;
 
-/// Returns the direction of a ray about straight ahead (rad).
+/// Returns the direction of a ray from straight ahead (rad), positive to the left.
 pub fn bearing(ray: u32) -> f64 {
     (0.5 * f64::from(ray) - 90.0).to_radians()
 }
 
-/// The most mirrors in a row through which a ray sees the room.
+/// The largest number of mirrors in a row through which a ray sees the room.
 const MIRRORS: u32 = 2;
 
-/// The errors of its ranges.
+/// The errors of the laser's ranges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
     /// The noise of one ray (m, standard deviation).
     pub noise: f64,
-    /// Of all (m).
+    /// The constant error of all ranges (m).
     pub bias: f64,
-    /// The share of the rays that return an echo.
+    /// The share of the rays that return a random range.
     pub strays: f64,
-    /// The rays without echo, from one direction about straight ahead to another (rad).
+    /// The rays without echo: the range of their directions from straight ahead (rad).
     pub blind: (f64, f64),
 }
 
-/// Returns one sweep (m) from a base at `base` (x, y (m), yaw (rad)) of a room.
+/// Returns one sweep of a room (m), from right to left, by a base at `base` (x, y (m), yaw (rad)).
 pub fn sweep(base: &Vector3<f64>, room: &[Stretch], errors: &Errors, random: &mut Random) -> Vec<f64> {
     let (s, c) = base.z.sin_cos();
     let from = base.xy() + Vector2::new(c, s) * AHEAD;
@@ -54,7 +54,7 @@ pub fn sweep(base: &Vector3<f64>, room: &[Stretch], errors: &Errors, random: &mu
         .collect()
 }
 
-/// The range (m) at which a ray finds its echo.
+/// Returns the range (m) at which a ray finds its echo; [`RANGE_MAX`] if it finds none.
 fn echo(from: &Vector2<f64>, along: &Vector2<f64>, room: &[Stretch]) -> f64 {
     let (mut from, mut along, mut gone) = (*from, *along, 0.0);
     for _ in 0..=MIRRORS {
@@ -73,7 +73,7 @@ fn echo(from: &Vector2<f64>, along: &Vector2<f64>, room: &[Stretch]) -> f64 {
     RANGE_MAX
 }
 
-/// The range (m) at which a ray meets a stretch of wall.
+/// Returns the range (m) at which a ray meets a stretch of wall, if it does.
 fn hit(from: &Vector2<f64>, along: &Vector2<f64>, wall: &Wall) -> Option<f64> {
     let (a, b) = wall;
     let (wall, to) = (b - a, a - from);
@@ -102,7 +102,7 @@ mod tests {
     fn straight_ahead_is_the_door() {
         for side in [Side::Left, Side::Right] {
             let ranges = look(&room::Description::default(), side, &Errors { noise: 0.005, ..QUIET });
-            // One ray of 5 mm noise; five deviations. The room is the same from both sides.
+            // One ray has 5 mm of noise; the limit is five deviations. The room is the same from both sides.
             assert!((ranges[180] - 1.45).abs() < 0.025);
             assert!((ranges[0] - 2.72).abs() < 0.025 && (ranges[360] - 2.28).abs() < 0.025);
         }
@@ -113,7 +113,7 @@ mod tests {
         let glass = room::Description { glass: Place::Latch, ..room::Description::default() };
         let ranges = look(&glass, Side::Left, &QUIET);
         assert!(ranges[0] >= RANGE_MAX && ranges[180] < 2.0 && ranges[360] < 3.0, "the wall on the right is glass");
-        // From 2.72 m to the mirror, back to the base and on to the wall on the left.
+        // The ray goes 2.72 m to the mirror, back to the base and on to the wall on the left.
         let mirror = room::Description { mirror: Place::Latch, ..room::Description::default() };
         let ranges = look(&mirror, Side::Left, &QUIET);
         assert!((ranges[0] - (2.72 + 5.0)).abs() < 1e-5, "{}", ranges[0]);

@@ -18,21 +18,21 @@ use comms::logic::time::Time;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::time::Duration;
 
-/// One step.
+/// The duration of one step.
 pub const STEP: Duration = Duration::from_millis(1);
-/// The widest the fingers open (m).
+/// The largest distance between the fingers (m).
 pub const GRIP_MAX: f64 = 0.10;
 const DT: f64 = 1e-3;
-/// (m/s²).
+/// The acceleration of gravity (m/s²).
 const GRAVITY: f64 = 9.81;
 const GRIP_FORCE_RISE: f64 = 400.0;
-/// The force on its bumper that the base notices (N).
+/// The force on the bumper from which the base notices it (N).
 const BUMPED: f64 = 8.0;
 /// The time in which a visitor's torque on the leaf rises (s), as in a person's push.
 const SHUT_RISE: f64 = 0.2;
-/// The limits of our base's drives, without their lag.
+/// The limits of the drives of our base, without their lag.
 const BASE: Limits<3> = Limits { lag: 0.0, acceleration: [1.0, 1.0, 1.5], speed: [0.6, 0.6, 0.7] };
-/// The limits of our arm's drives, without their lag.
+/// The limits of the drives of our arm, without their lag.
 const ARM: Limits<6> = Limits { lag: 0.0, acceleration: [8.0; 6], speed: puma560::RATES_MAX };
 
 /// Everything that moves.
@@ -82,7 +82,7 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Returns the robot before a door at time `now`.
+    /// Returns a robot before a door at the time `now`.
     pub fn new(setup: Setup, now: Time) -> Self {
         let mut random = Random::new(setup.seed);
         let mut off = |span: f64| random.between(-span, span) * setup.start.spread;
@@ -90,7 +90,7 @@ impl Plant {
         let base = Pose::new(-start.distance + off(0.08), start.aside + off(0.06), start.yaw + off(0.05));
         let force_torque = ForceTorque::new(setup.sensors.force(), &mut random);
         let casters = Casters::from_fn(|i, _| if i < 4 { random.between(-3.0, 3.0) } else { 0.0 });
-        // Calibrations are drawn separately, so that a world without errors has the noise of one with errors.
+        // Calibrations are drawn separately, so that the noise is the same in worlds with and without errors.
         let mut calibration = Random::new(!setup.seed);
         let mut joints = puma560::door_posture();
         joints[5] = start.wrist;
@@ -129,7 +129,7 @@ impl Plant {
         }
     }
 
-    /// Returns where the base is: x, y (m), yaw (rad).
+    /// Returns the pose of the base in the world frame: x, y (m), yaw (rad).
     pub fn base(&self) -> &Pose {
         &self.base
     }
@@ -155,12 +155,12 @@ impl Plant {
         self.grasp.holds()
     }
 
-    /// The time since the start (s).
+    /// Returns the time since the start (s).
     fn time(&self) -> f64 {
         self.now.since(self.began).as_secs_f64()
     }
 
-    /// The room, from above.
+    /// Returns the walls of the room and the leaf, seen from above.
     fn walls(&self) -> Vec<Wall> {
         walls(&self.setup.room, &self.door, self.time())
     }
@@ -172,13 +172,13 @@ impl Plant {
         casters
     }
 
-    /// Returns the width between the fingers that the gripper reports (m), and the force with which they press (N).
+    /// Returns the distance between the fingers that the gripper reports (m), and the force with which they press (N).
     pub fn grip_said(&self) -> (f64, f64) {
         let says = self.setup.sensors.grip_says;
         (if says < 0.0 { self.grip } else { says }, self.grip_force)
     }
 
-    /// Returns the width between the fingers (m) and the force with which they press (N).
+    /// Returns the distance between the fingers (m) and the force with which they press (N).
     pub fn grip(&self) -> (f64, f64) {
         (self.grip, self.grip_force)
     }
@@ -198,17 +198,17 @@ impl Plant {
         self.bumper > BUMPED
     }
 
-    /// Returns how far the base is from leaf, jambs and walls (m).
+    /// Returns the distance from the base to leaf, jambs and walls (m).
     pub fn base_room(&self) -> f64 {
         Body::new(&self.base, &self.joints).base_room(&self.walls())
     }
 
-    /// Returns the rates of the joints (rad/s), as the encoders see them.
+    /// Returns the rates of the joints (rad/s), as the encoders measure them.
     pub fn joint_rates(&self) -> [f64; 6] {
         std::array::from_fn(|i| self.rates()[i + 3])
     }
 
-    /// The rates of the axes: the commands of the drives, and the effect of forces.
+    /// Returns the rates of the axes: the commands of the drives, and the effect of forces.
     fn rates(&self) -> redundancy::Rates {
         let driven = redundancy::Rates::from_fn(|i, _| {
             if i < 3 { self.base_drive.velocity[i] } else { self.arm_drive.velocity[i - 3] }
@@ -216,12 +216,13 @@ impl Plant {
         driven + self.yielding.droop + self.yielding.excess
     }
 
-    /// Returns how many steps a joint has been held back at its limit.
+    /// Returns in how many steps a joint was stopped at its limit.
     pub fn limits_hit(&self) -> u32 {
         self.limits_hit
     }
 
-    /// Sends the fingers to a width (m); they press with no more than `force` (N), nor than they can.
+    /// Sends the fingers to a width (m). They press with no more than `force` (N), and no more than they can. Numbers
+    /// that are not finite are ignored.
     pub fn grip_to(&mut self, width: f64, force: f64) {
         if !width.is_finite() || !force.is_finite() {
             return;
@@ -245,8 +246,8 @@ impl Plant {
         }
     }
 
-    /// Lets one millisecond pass, while a visitor pushes the hand with a force (N), world axes. The sensor feels it,
-    /// and the robot gives way as far as its drives do.
+    /// Advances everything by one millisecond, while a visitor pushes the hand with a force (N, world axes). The sensor
+    /// measures this force, and the robot gives way as far as its drives do.
     pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());
@@ -299,7 +300,7 @@ impl Plant {
         if turns { rate } else { 0.0 }
     }
 
-    /// Returns the share of his torque with which a visitor leans on the leaf.
+    /// Returns the share of its full torque with which a visitor leans on the leaf.
     fn shut_share(&mut self) -> f64 {
         let faults = &self.setup.faults;
         if self.shutting_since.is_none() && self.door.angle >= faults.shut_at {
@@ -336,7 +337,7 @@ impl Plant {
             self.base = caster::advance(&self.base, &(body * DT));
         }
         self.base.z += self.outside * DT;
-        // Beyond their traction the wheels slide, and their encoders do not see it.
+        // Beyond their traction the wheels slide, and their encoders do not measure this.
         let rolled = body - self.yielding.excess.fixed_rows::<3>(0);
         let steering = std::array::from_fn(|i| self.casters[i]);
         let radius = caster::WHEEL_RADIUS / (1.0 + self.setup.machine.wheel_error);
@@ -348,7 +349,7 @@ impl Plant {
         }
     }
 
-    /// The fingers stop at the lever if it is between them.
+    /// Moves the fingers. They stop at the lever if it is between them.
     fn step_grip(&mut self, hand: &Hand, handle: &Handle) {
         let next = towards(self.grip, self.grip_target, self.setup.machine.grip_speed * DT);
         let thickness = self.setup.door.lever_thickness;
@@ -367,7 +368,7 @@ impl Plant {
             self.grasp.release();
         }
         self.grip = next;
-        // Closed on nothing, the fingers press against each other.
+        // If the fingers closed on nothing, they press against each other.
         self.grip_force = if next <= 0.0 { self.grip_force_max } else { 0.0 };
     }
 }
@@ -409,7 +410,7 @@ mod tests {
                 }
             }
             let truth = (plant.base().xy() - start.xy()).norm();
-            // The casters swing round first, which adds a little.
+            // First the casters swing round, which adds a little.
             assert!((odometry.pose().xy().norm() / truth - 1.0 - wheel_error).abs() < 0.005);
             // Measured wheel sizes give the right distance.
             assert!((calibrated.pose().xy().norm() / truth - 1.0).abs() < 0.005);
@@ -441,8 +442,8 @@ mod tests {
             taken += torques.dot(&plant.rates()) * DT;
         }
         let moved = plant.hand().world_from_tool.translation.vector - before;
-        // The same force acts on both: the path of the hand times the force equals the paths of the axes times their
-        // torques.
+        // The same force acts on hand and axes: the path of the hand times the force equals the paths of the axes times
+        // their torques.
         assert!(moved.y > 2e-3, "{moved}");
         assert!((force.dot(&moved) / taken - 1.0).abs() < 0.01, "{} {taken}", force.dot(&moved));
     }
@@ -490,7 +491,7 @@ mod tests {
             plant.base_drive.command(Some(&[-0.05, 0.0, 0.0]), plant.now);
             plant.step(&Vector3::zeros());
         }
-        // A millimetre or two away, still well within reach, and the fingers still close.
+        // The lever is a millimetre or two away, still well within reach, and the fingers continue to close.
         assert!(plant.grasp.reaches(&plant.hand(), &plant.door.handle()));
         assert!(!grip(&mut plant, 0.0) && plant.grip().0 <= 0.0, "{:?}", plant.grip());
         assert!(!grip(&mut plant, GRIP_MAX));

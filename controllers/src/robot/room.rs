@@ -1,7 +1,7 @@
 //! The room around the door, seen from above: its walls, its objects, and the surfaces that a laser sees.
 //!
-//! Corners, corridors and niches are side walls near the jambs. A surface has an echo, or none (glass, black paint), or
-//! it is a mirror, in which a laser sees the room once more.
+//! Corners, corridors and niches are side walls near the jambs. A surface has an echo, or it has none (glass, black
+//! paint). Or it is a mirror, in which a laser sees the room once more.
 
 use super::body::Wall;
 use super::door::{Door, Side};
@@ -17,13 +17,13 @@ const WALK: f64 = 0.5;
 /// The description of a room. A negative length means that the object is absent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// From the latch's jamb to the side wall beside it (m).
+    /// The distance from the latch's jamb to the side wall beside it (m).
     pub beside_latch: f64,
-    /// From the hinge's jamb to the side wall beside it (m).
+    /// The distance from the hinge's jamb to the side wall beside it (m).
     pub beside_hinge: f64,
     /// The length of both side walls, towards the robot (m).
     pub depth: f64,
-    /// From the door to the wall of the next room (m).
+    /// The distance from the door to the wall of the next room (m).
     pub next_wall: f64,
     /// The angle of a second leaf, which meets the first at the latch (rad).
     pub second_leaf: f64,
@@ -53,18 +53,18 @@ pub enum Place {
 /// A round object that stands or walks in the room: a person, a pillar, a trolley.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing {
-    /// Before the door's wall (m).
+    /// The distance before the door's wall (m).
     pub before: f64,
-    /// To the left of the handle, as the robot sees it (m).
+    /// The distance to the left of the handle, as the robot sees it (m).
     pub aside: f64,
-    /// Its diameter (m).
+    /// The diameter of the object (m).
     pub size: f64,
-    /// It walks to the left and to the right by this distance (m).
+    /// How far the object walks to the left and to the right (m).
     pub walks: f64,
 }
 
 impl Default for Description {
-    /// A wide room, all of which is seen.
+    /// A wide room in which all surfaces are visible.
     fn default() -> Self {
         let body = Standing { before: -1.0, aside: -0.6, size: 0.3, walks: 0.0 };
         let (glass, mirror) = (Place::None, Place::None);
@@ -84,32 +84,32 @@ impl Default for Description {
 /// The look of a surface to a laser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surface {
-    /// It has an echo.
+    /// The surface has an echo.
     Plain,
-    /// It has none.
+    /// The surface has no echo.
     Glass,
-    /// It shows the room once more.
+    /// The surface shows the room once more.
     Mirror,
 }
 
 /// A surface as seen from above.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
-    /// From where to where (m).
+    /// The two ends of the surface (m).
     pub ends: Wall,
-    /// The look of it.
+    /// How the surface looks to a laser.
     pub surface: Surface,
 }
 
 /// The index of the leaf in [`stretches`].
 pub const LEAF: usize = 6;
 
-/// Returns the surfaces in the room (m) at a time after the start (s): walls, jambs of 5 cm, side walls, the leaf, and
+/// Returns the surfaces in the room (m) at `time` after the start (s): walls, jambs of 5 cm, side walls, the leaf, and
 /// all other obstacles.
 pub fn stretches(room: &Description, door: &Door, time: f64) -> Vec<Stretch> {
     let (hinge, mirror) = (door.hinge(), door.mirror());
     let (edge, beside) = (door.description().leaf_beyond + 0.01, door.description().radius + 0.01);
-    // As for a hinge on the left.
+    // Coordinates as for a hinge on the left.
     let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
     let distance = |from: f64, beyond: f64| if beyond < 0.0 { FAR } else { from + beyond };
     let (latch, hinged) = (distance(edge, room.beside_latch), distance(beside, room.beside_hinge));
@@ -133,7 +133,7 @@ pub fn stretches(room: &Description, door: &Door, time: f64) -> Vec<Stretch> {
     ];
     if room.second_leaf >= 0.0 {
         let (second, end) = door.second_leaf(room.second_leaf);
-        // In place of the wall beside the latch.
+        // The second leaf replaces the wall beside the latch.
         all[0].ends = (p(0.0, -latch.max(second.y.abs())), second);
         all[2].ends = (second, second + (end - second) * 1e-3);
         all.push(stretch(Place::None, second, end));
@@ -157,14 +157,14 @@ pub fn stretches(room: &Description, door: &Door, time: f64) -> Vec<Stretch> {
     all
 }
 
-/// Returns the same without the errors of a laser.
+/// Returns the stretches of [`stretches`], without their looks to a laser.
 pub fn walls(room: &Description, door: &Door, time: f64) -> Vec<Wall> {
     stretches(room, door, time).into_iter().map(|stretch| stretch.ends).collect()
 }
 
 impl Door {
-    /// Returns hinge and free edge (m) of a second leaf, as wide as the first, that meets it at the latch and is open
-    /// by `angle` (rad) the same way.
+    /// Returns hinge and free edge (m) of a second leaf. It is as wide as the first leaf, meets it at the latch, and is
+    /// open by `angle` (rad) in the same direction.
     fn second_leaf(&self, angle: f64) -> Wall {
         let is = self.description();
         let width = is.radius + is.leaf_beyond;

@@ -9,15 +9,15 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 /// A world: the robot, its door, its sensors, and its faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setup {
-    /// Moves the start a little, draws the signs of all errors, and makes the noise.
+    /// The seed of the start pose, of the signs of all errors, and of the noise.
     pub seed: u64,
     /// The door.
     pub door: door::Description,
     /// The room.
     pub room: room::Description,
-    /// Hand and lever.
+    /// The contact of hand and lever.
     pub contact: contact::Description,
-    /// Drives and wheels.
+    /// The drives and the wheels.
     pub machine: Machine,
     /// The errors of the sensors.
     pub sensors: Sensors,
@@ -78,7 +78,7 @@ impl Default for Machine {
     }
 }
 
-/// The errors of the sensors: noise, and calibrations that do not hold.
+/// The errors of the sensors: their noise, and wrong calibrations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensors {
     /// A factor for all noise in this setup.
@@ -87,19 +87,20 @@ pub struct Sensors {
     pub force: force_torque::Errors,
     /// The laser.
     pub laser: laser::Errors,
-    /// Of a mark in the image (px, standard deviation).
+    /// The noise of a mark in the image (px, standard deviation).
     pub pixel_noise: f64,
-    /// Of a depth, as a share of it (standard deviation).
+    /// The noise of a depth, as a share of the depth (standard deviation).
     pub depth_noise: f64,
-    /// The focal length is longer than the controllers believe by this share.
+    /// The share by which the focal length is longer than the controllers assume.
     pub focal_error: f64,
-    /// The camera sits off its place by up to this along each axis (m).
+    /// The largest displacement of the camera along each axis (m).
     pub camera_shift: f64,
-    /// The largest turn of it about each axis (rad).
+    /// The largest turn of the camera about each axis (rad).
     pub camera_turn: f64,
-    /// Each encoder of the arm is off by up to this (rad).
+    /// The largest offset of each encoder of the arm (rad).
     pub joint_offset: f64,
-    /// The constant width between the fingers that the gripper reports (m); the true one if that is negative.
+    /// The constant distance between the fingers that the gripper reports (m). If it is negative, the gripper reports
+    /// the true one.
     pub grip_says: f64,
 }
 
@@ -127,12 +128,12 @@ impl Default for Sensors {
     }
 }
 
-/// Focal length (px) and place behind the grasp point (m) of the camera that the maker sold.
+/// The focal length (px) of the camera that the maker sold, and its distance behind the grasp point (m).
 const FOCAL: f64 = 600.0;
 const CAMERA_BEHIND: f64 = 0.12;
 
 impl Sensors {
-    /// Returns the camera with its true mounting; `random` draws the errors of its place and direction.
+    /// Returns the camera with its true mounting; `random` draws the errors of its position and orientation.
     pub fn camera(&self, random: &mut Random) -> Camera {
         let mut within = |span: f64| Vector3::from_fn(|_, _| random.between(-span, span));
         let shift = Vector3::new(0.0, 0.0, -CAMERA_BEHIND) + within(self.camera_shift);
@@ -145,7 +146,7 @@ impl Sensors {
         }
     }
 
-    /// Returns how far each encoder of the arm is off (rad).
+    /// Returns the offset of each encoder of the arm (rad).
     pub fn joint_offsets(&self, random: &mut Random) -> Joints {
         Joints::from_fn(|_, _| random.between(-self.joint_offset, self.joint_offset))
     }
@@ -166,15 +167,15 @@ impl Sensors {
 /// The start pose of the robot: before the handle, looking at it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// From the wall (m).
+    /// The distance from the wall (m).
     pub distance: f64,
-    /// To the left of the handle (m).
+    /// The distance to the left of the handle (m).
     pub aside: f64,
-    /// Of the base, counter-clockwise from straight ahead (rad).
+    /// The yaw of the base, counter-clockwise from straight ahead (rad).
     pub yaw: f64,
-    /// The seed moves it by up to this multiple of 0.08 m, 0.06 m and 0.05 rad.
+    /// The seed moves the start pose by up to this multiple of 0.08 m, 0.06 m and 0.05 rad.
     pub spread: f64,
-    /// Joint 6 (rad): a quarter turn points the fingers' x axis to the left, three quarters to the right.
+    /// The angle of joint 6 (rad): a quarter turn points the fingers' x axis to the left, three quarters to the right.
     pub wrist: f64,
 }
 
@@ -191,13 +192,13 @@ pub struct Faults {
     pub lose_at: f64,
     /// The trigger at which the base's wheels begin to turn on the spot.
     pub base_slip: Slip,
-    /// The duration of that (s).
+    /// For how long the wheels turn on the spot (s).
     pub base_slip_for: f64,
     /// A visitor begins to shut the door when it is first open by this angle (rad).
     pub shut_at: f64,
-    /// With this torque (Nm).
+    /// The torque with which the visitor shuts the door (Nm).
     pub shut_torque: f64,
-    /// The duration (s).
+    /// For how long the visitor shuts the door (s).
     pub shut_for: f64,
     /// Something outside turns the base.
     pub turned: Turned,
@@ -205,39 +206,39 @@ pub struct Faults {
     pub jump: Jump,
 }
 
-/// A turn of the base by something outside, of which its wheels know nothing: a bump, a mat that slides.
+/// A turn of the base by something outside, such as a bump or a sliding mat. The wheels do not notice it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turned {
-    /// The angle of the door at which it begins (rad).
+    /// The angle of the door at which the turn begins (rad).
     pub at: f64,
-    /// (rad/s), counter-clockwise.
+    /// The rate of the turn, counter-clockwise (rad/s).
     pub rate: f64,
-    /// The duration (s).
+    /// The duration of the turn (s).
     pub span: f64,
 }
 
-/// An encoder that jumps once and stays so.
+/// An encoder that jumps once and keeps the new offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jump {
     /// The angle of the door at which it jumps (rad).
     pub at: f64,
-    /// The angle (rad).
+    /// The angle by which the encoder jumps (rad).
     pub by: f64,
 }
 
 /// The triggers of wheel slip; the first one counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slip {
-    /// So long after the start (s).
+    /// The time after the start (s).
     pub time: f64,
-    /// The angle of the lever at which it begins (rad).
+    /// The angle of the lever at which the slip begins (rad).
     pub lever: f64,
-    /// The angle of the door at which it begins (rad).
+    /// The angle of the door at which the slip begins (rad).
     pub door: f64,
 }
 
 impl Default for Faults {
-    /// Nothing goes wrong.
+    /// No faults.
     fn default() -> Self {
         let never = f64::INFINITY;
         Self {

@@ -12,33 +12,36 @@ pub(crate) const SECRET_MAX: usize = 64 << 10;
 /// A parameter that a controller type takes after its host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name, for `name = value`; `grasp.force` is the field `force` of the record `grasp`, `corner.0` the first of a list.
+    /// The name, for `name = value`. `grasp.force` is the field `force` of the record `grasp`, and `corner.0` the first
+    /// value of a list.
     pub name: &'static str,
     /// The values that it takes.
     pub kind: Kind,
-    /// Its value when a spec gives none, spelt as in a spec, a quantity in SI units and without its unit; none if a spec must
-    /// give one.
+    /// The value if a spec gives none, spelt as in a spec; a quantity is in SI units and without its unit. None if a
+    /// spec has to give the value.
     pub default: Option<&'static str>,
 }
 
 /// The values that a parameter takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// One of these words; any text if there are none.
+    /// A text that is one of these words; any text if the list is empty.
     Text(&'static [&'static str]),
-    /// A number without a unit between these two, both allowed.
+    /// A number without a unit in this range; both ends are allowed.
     Number(f64, f64),
-    /// A number without a unit and without a fraction between these two, both allowed. A spec knows it as a `Number`.
+    /// A number without a unit and without a fraction in this range; both ends are allowed. In a spec its type is
+    /// `Number`.
     Whole(f64, f64),
-    /// A quantity between these two, both allowed, in SI units; a spec has to give it with a unit, such as `20 N`.
+    /// A quantity in this range, in SI units; both ends are allowed. A spec has to give it with a unit, such as `20 N`.
     Quantity(Quantity, f64, f64),
     /// `true` or `false`.
     Truth,
-    /// A secret of the database, which a spec gives as `secret("team/camera/password")`: [`Arguments::secret`] reads it.
+    /// A secret of the database. A spec gives it as `secret("team/camera/password")`, and [`Arguments::secret`] reads
+    /// it.
     Secret,
 }
 
-/// The arguments of one instance, checked against its type's parameters: every parameter has a value of its kind.
+/// The arguments of one instance, checked against the parameters of its type: every parameter has a value of its kind.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Arguments {
     values: BTreeMap<&'static str, Value>,
@@ -54,41 +57,41 @@ enum Value {
     Secret(Secret),
 }
 
-/// Where the value of a secret is.
+/// The place of the value of a secret.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Secret {
-    /// In the file of this path, as the program was started with it.
+    /// In the file with this path, which the program got at its start.
     File(String),
-    /// In memory: the value has changed since the start.
+    /// In memory, because the value has changed since the start.
     Renewed(Arc<SecretBytes>),
 }
 
-/// An argument that a parameter does not take.
+/// The error of an argument that does not fit the parameters.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ArgumentError {
     /// There is no parameter of this name.
     #[error("no parameter `{name}`; there {}", listed(.known))]
     Unknown {
-        /// As given.
+        /// The given name.
         name: String,
-        /// The names that there are.
+        /// The names of all parameters.
         known: Vec<&'static str>,
     },
     /// More arguments than parameters.
     #[error("argument `{value}` is one too many; there {}", listed(.known))]
     TooMany {
-        /// The first that has no place.
+        /// The first argument without a parameter.
         value: String,
-        /// The names that there are.
+        /// The names of all parameters.
         known: Vec<&'static str>,
     },
-    /// Given twice.
+    /// A parameter is given twice.
     #[error("parameter `{name}` is given twice")]
     Twice {
         /// The parameter.
         name: &'static str,
     },
-    /// Not given, and there is no default.
+    /// A parameter is not given and has no default.
     #[error("parameter `{name}` needs {expected}")]
     Missing {
         /// The parameter.
@@ -96,12 +99,12 @@ pub enum ArgumentError {
         /// The values that it takes.
         expected: String,
     },
-    /// A value of another kind.
+    /// A value is of another kind than its parameter.
     #[error("parameter `{name}` is `{value}`, which is not {expected}")]
     Wrong {
         /// The parameter.
         name: &'static str,
-        /// As given.
+        /// The given value.
         value: String,
         /// The values that it takes.
         expected: String,
@@ -128,8 +131,9 @@ impl Parameter {
         Self { default: Some(default), ..self }
     }
 
-    /// Returns the parameters as they stand in a `module` block: `lock: Text = "unlocked"`, fields of one record in braces,
-    /// `grasp: { force: Number = 20, width: Number }`, and values of a list together, `corner: Number[3]`.
+    /// Returns the parameters as a `module` block writes them. A single parameter is `lock: Text = "unlocked"`. Fields
+    /// of one record are in braces, `grasp: { force: Number = 20, width: Number }`. Values of a list are one parameter,
+    /// `corner: Number[3]`.
     pub fn texts(parameters: &[Self]) -> Vec<String> {
         Self::texts_below(parameters, "")
     }
@@ -151,7 +155,7 @@ impl Parameter {
         texts
     }
 
-    /// The text of the record or list `inner`.
+    /// Returns the text of the record or list `inner`.
     fn text_of(parameters: &[Self], record: &str, inner: &str) -> String {
         let below = format!("{record}{inner}.");
         let parts = || parameters.iter().filter(|parameter| parameter.name.starts_with(&below));
@@ -185,7 +189,7 @@ impl Parameter {
         }
     }
 
-    /// Reads a value that is spelt as in a spec: a text with or without quotes.
+    /// Reads a value that is spelt as in a spec: a text may have quotes.
     fn spelt(&self, text: &str) -> Result<Value, ArgumentError> {
         let bare = text.strip_prefix('"').and_then(|text| text.strip_suffix('"')).unwrap_or(text);
         self.value(bare)
@@ -213,7 +217,7 @@ impl Parameter {
 }
 
 impl Kind {
-    /// The word for it in specs.
+    /// Returns the word for this kind in specs.
     fn name(self) -> &'static str {
         match self {
             Self::Text(_) => "Text",
@@ -241,7 +245,7 @@ impl Kind {
         }
     }
 
-    /// A value as a spec writes it: a text in quotes, a quantity with its unit.
+    /// Returns a value as a spec writes it: a text in quotes, a quantity with its unit.
     fn literal(self, value: &str) -> String {
         match self {
             Self::Text(_) => format!("\"{value}\""),
@@ -254,8 +258,8 @@ impl Kind {
 impl Arguments {
     /// Returns the checked arguments of one instance.
     ///
-    /// Each of `given` is `name=value`, and a text is everything behind the first `=`. A node starts programs in this form. By hand a
-    /// value alone is for the next parameter: `open`, `"open"`, `0.5`, `true`.
+    /// Each of `given` is `name=value`, and a text is everything behind the first `=`. A node starts programs in this
+    /// form. By hand, a value without a name is for the next parameter: `open`, `"open"`, `0.5`, `true`.
     ///
     /// # Errors
     /// Names the first wrong argument, and the accepted values.
@@ -289,7 +293,7 @@ impl Arguments {
         Ok(Self { values, instance: String::new(), deployment: String::new() })
     }
 
-    /// Returns these arguments for the process of this deployment and path.
+    /// Returns these arguments for the process with this deployment and path.
     #[must_use]
     pub fn of(self, deployment: &str, instance: &str) -> Self {
         Self { instance: instance.to_owned(), deployment: deployment.to_owned(), ..self }
@@ -300,20 +304,20 @@ impl Arguments {
         &self.deployment
     }
 
-    /// Returns the name of the process among those of all deployments, `door:main/arm/hand`; its path alone if its
-    /// deployment is unknown.
+    /// Returns the name of the process, unique among all deployments: `door:main/arm/hand`. If the deployment is
+    /// unknown, returns the path alone.
     pub fn full_name(&self) -> String {
         let (deployment, instance) = (&self.deployment, &self.instance);
         if deployment.is_empty() { instance.clone() } else { format!("{deployment}:{instance}") }
     }
 
-    /// Returns the path of the process in its deployment, `main/arm/hand`; empty where it has none, as in a test.
+    /// Returns the path of the process in its deployment, `main/arm/hand`; empty if there is none, as in a test.
     pub fn instance(&self) -> &str {
         &self.instance
     }
 
-    /// Replaces values by others: parameter names, and values spelt as in a spec. A value that is not of its parameter's kind
-    /// changes nothing, and the reason is returned.
+    /// Replaces values: `over` has parameter names, and values spelt as in a spec. A value that is not of its
+    /// parameter's kind changes nothing, and the reason is returned.
     pub fn overlay<S: AsRef<str>>(&mut self, parameters: &[Parameter], over: &[(S, S)]) -> Vec<ArgumentError> {
         let mut wrong = Vec::new();
         for (name, text) in over {
@@ -325,7 +329,7 @@ impl Arguments {
         wrong
     }
 
-    /// Returns a text parameter; empty if the type declares no such one.
+    /// Returns the value of a text parameter; empty if the type has no text parameter of this name.
     pub fn text(&self, name: &str) -> &str {
         match self.values.get(name) {
             Some(Value::Text(text)) => text,
@@ -333,7 +337,7 @@ impl Arguments {
         }
     }
 
-    /// Returns a number parameter; NaN if the type declares no such one.
+    /// Returns the value of a number parameter; NaN if the type has no number parameter of this name.
     pub fn number(&self, name: &str) -> f64 {
         match self.values.get(name) {
             Some(Value::Number(number)) => *number,
@@ -341,18 +345,18 @@ impl Arguments {
         }
     }
 
-    /// Returns a truth parameter; false if the type declares no such one.
+    /// Returns the value of a truth parameter; false if the type has no truth parameter of this name.
     pub fn truth(&self, name: &str) -> bool {
         matches!(self.values.get(name), Some(Value::Truth(true)))
     }
 
-    /// Returns where the value of a secret parameter is; none if the type declares no such one.
+    /// Returns the place of the value of a secret parameter; none if the type has no secret parameter of this name.
     pub(crate) fn place_of_secret(&self, name: &str) -> Option<&Secret> {
         let Some(Value::Secret(place)) = self.values.get(name) else { return None };
         Some(place)
     }
 
-    /// Takes the present value of a secret parameter.
+    /// Takes a new value of a secret parameter.
     pub(crate) fn renew_secret(&mut self, name: &str, value: SecretBytes) {
         if let Some(Value::Secret(place)) = self.values.get_mut(name) {
             *place = Secret::Renewed(Arc::new(value));
@@ -360,8 +364,8 @@ impl Arguments {
     }
 }
 
-/// Returns the values from elsewhere that apply from now on, and what is wrong with others. In the place of a wrong value
-/// stays the one of `present`, if it has one.
+/// Returns the replacing values that apply from now on, and the errors of the wrong ones. A wrong value is replaced by
+/// the value in `present`, if there is one.
 pub(crate) fn accepted(
     parameters: &[Parameter],
     over: Vec<(String, String)>,
@@ -378,20 +382,20 @@ pub(crate) fn accepted(
     (accepted.collect(), wrong)
 }
 
-/// Reads a value from elsewhere.
+/// Reads a replacing value.
 fn over_value(parameters: &[Parameter], name: &str, text: &str) -> Result<(&'static str, Value), ArgumentError> {
     let parameter = parameters.iter().find(|parameter| parameter.name == name).ok_or_else(|| {
         ArgumentError::Unknown { name: name.to_owned(), known: parameters.iter().map(|one| one.name).collect() }
     })?;
     if parameter.kind == Kind::Secret {
-        // Only the node says which file a secret is in.
+        // Only the node decides in which file a secret is.
         let (value, expected) = (text.to_owned(), parameter.expected());
         return Err(ArgumentError::Wrong { name: parameter.name, value, expected });
     }
     Ok((parameter.name, parameter.spelt(text)?))
 }
 
-/// Splits `name=value`; a quoted text, or one whose head is not an identifier, is a plain value.
+/// Splits `name=value`. A quoted text, or a text whose part before the `=` is not an identifier, is a plain value.
 fn split(text: &str) -> Option<(&str, &str)> {
     let (name, value) = text.split_once('=')?;
     let name = name.trim();
@@ -476,7 +480,7 @@ mod tests {
         assert_eq!(wrong.len(), 5);
         let why = "parameter `whole` is `4.5`, which is not a whole number from 0 to 10";
         assert_eq!(wrong[0].to_string(), why);
-        // A value that is not set any more does not stay.
+        // A value that is no longer set does not stay.
         assert_eq!(accepted(WHOLE, Vec::new(), &present), (Vec::new(), Vec::new()));
         for (given, is_whole) in [("whole=10", true), ("whole=-0", true), ("whole=1e1", true), ("whole=0.5", false)] {
             assert_eq!(Arguments::parse(WHOLE, &[given]).is_ok(), is_whole, "{given}");

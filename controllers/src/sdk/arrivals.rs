@@ -1,13 +1,13 @@
-//! The account that an input keeps of the samples that arrive, whatever their type.
+//! The record of the samples that arrive at an input, for any type of samples.
 
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// Clocks of two hosts are not comparable: a sample that seems to be older than this when it arrives is stamped by another
-/// clock, and so is one that comes from the future. It is as old as its arrival.
+/// Clocks of two hosts are not comparable. If a sample seems older than this when it arrives, or comes from the future,
+/// its stamp is from another clock. Then its age counts from its arrival.
 const FOREIGN: Duration = Duration::from_secs(10);
 
-/// If a sample has come again so often, this is reported when its reader fails.
+/// If a sample has been repeated so often, this is reported when its reader fails.
 const REPEATED_MIN: u64 = 3;
 
 /// The samples of an input in one activation.
@@ -17,17 +17,17 @@ pub struct Arrivals {
     stamp: Option<Time>,
     arrived: Time,
     received: u64,
-    /// How many samples did not repeat the previous one, and how many of these a calculation has seen.
+    /// The number of samples that did not repeat the previous one, and how many of these a calculation has seen.
     new: u64,
     seen: u64,
-    /// How often the newest sample has come again.
+    /// How often the newest sample has been repeated.
     repeated: u64,
     lost: u64,
     refusals: Refusals,
 }
 
 impl Arrivals {
-    /// Takes note of a sample with the stamp of its measurement, if it has one.
+    /// Records a sample with the stamp of its measurement, if it has one.
     pub fn accept(&mut self, stamp: Option<Time>, arrived: Time) {
         let is_repeated = self.received > 0 && self.stamp.is_some() && stamp == self.stamp;
         self.repeated = if is_repeated { self.repeated + 1 } else { 0 };
@@ -37,23 +37,23 @@ impl Arrivals {
         self.refusals.accept();
     }
 
-    /// Takes note of a refused sample: a number in it is not finite.
+    /// Records a refused sample, in which a number is not finite.
     pub fn refuse(&mut self) {
         self.refusals.refuse();
     }
 
-    /// Takes note of values that do not come.
+    /// Records that `count` samples were sent, but will not arrive.
     pub fn lose(&mut self, count: u64) {
         self.lost += count;
     }
 
-    /// Notes that a calculation has seen the newest sample.
+    /// Records that a calculation has seen the newest sample.
     pub fn mark_seen(&mut self) {
         self.seen = self.new;
     }
 
-    /// Returns when the newest sample was measured, on this host's clock: its stamp, or its arrival if it has no stamp of
-    /// this clock. None before the first sample.
+    /// Returns when the newest sample was measured, on this host's clock: its stamp, or its arrival if it has no stamp
+    /// of this clock. Returns none before the first sample.
     pub fn measured(&self) -> Option<Time> {
         let own = self.stamp.filter(|stamp| *stamp <= self.arrived && self.arrived.since(*stamp) <= FOREIGN);
         (self.received > 0).then(|| own.unwrap_or(self.arrived))
@@ -74,7 +74,7 @@ impl Arrivals {
         self.new > self.seen
     }
 
-    /// Returns when the newest sample arrived, on this host's clock; none before the first.
+    /// Returns when the newest sample arrived, on this host's clock; none before the first sample.
     pub fn arrived(&self) -> Option<Time> {
         (self.received > 0).then_some(self.arrived)
     }
@@ -84,7 +84,7 @@ impl Arrivals {
         self.received
     }
 
-    /// Returns how many samples were sent to the input and have not come.
+    /// Returns how many samples were sent to the input but have not arrived.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -94,7 +94,7 @@ impl Arrivals {
         self.refusals.all
     }
 
-    /// Returns the present trouble with the samples, for a person: `has refused its last 6 values ...`.
+    /// Returns the present problem with the samples, for a person: `has refused its last 6 values ...`.
     pub fn trouble(&self) -> Option<String> {
         let is_stuck = self.repeated >= REPEATED_MIN;
         let stuck =
@@ -107,7 +107,7 @@ impl Arrivals {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Refusals {
     pub(super) all: u64,
-    /// Since the last value that was taken.
+    /// The number of refusals since the last accepted value.
     in_a_row: u64,
 }
 

@@ -8,12 +8,14 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 use std::time::Duration;
 
-/// How many calls of one kind may be in transit at a time.
+/// How many calls of one kind may be in transit at the same time.
 const PENDING_MAX: usize = 64;
 
-/// Calls of one procedure of another process, which the spec connects. A field of a struct of outputs, with `#[calls("Grip")]`.
+/// Calls of one procedure of another process, which the spec connects. It is a field of a struct of outputs, with
+/// `#[calls("Grip")]`.
 ///
-/// Nothing waits: [`Calls::call`] sends after this calculation, and [`Calls::answer`] returns what has come since.
+/// No method waits: [`Calls::call`] sends after this calculation, and [`Calls::answer`] returns the answers that have
+/// arrived since.
 #[derive(Debug)]
 pub struct Calls<A, R> {
     raw: RawCalls,
@@ -36,9 +38,9 @@ pub type Answered<R> = (u64, Result<R, ObjectError>);
 /// An order about a call.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CallOrder {
-    /// Make it.
+    /// Make the call.
     Make {
-        /// Its number.
+        /// The number of the call.
         number: u64,
         /// The path of the process to call, if the spec connects several processes; none means the first of them.
         to: Option<String>,
@@ -47,9 +49,9 @@ pub enum CallOrder {
         /// How long it may take.
         within: Duration,
     },
-    /// Cancel it: the controller no longer waits for it.
+    /// Cancel the call: the controller no longer waits for it.
     Cancel {
-        /// Its number.
+        /// The number of the call.
         number: u64,
     },
 }
@@ -61,7 +63,8 @@ impl<A, R> Default for Calls<A, R> {
 }
 
 impl RawCalls {
-    /// Calls after this calculation, as [`Calls::call`] and [`Calls::call_to`] do. An argument that cannot be sent is answered with why.
+    /// Calls after this calculation, like [`Calls::call`] and [`Calls::call_to`]. If the argument cannot be sent, the
+    /// answer is the reason.
     pub fn call(&mut self, to: Option<String>, argument: Result<Vec<u8>, ObjectError>, within: Duration) -> u64 {
         self.made += 1;
         let number = self.made;
@@ -88,7 +91,7 @@ impl RawCalls {
         self.answers.pop_front()
     }
 
-    /// Waits no more for a call; its answer does not come. If it has not begun at the other end, it never does.
+    /// Stops waiting for a call; its answer is dropped. If the call has not begun at the other end, it never begins.
     pub fn cancel(&mut self, number: u64) {
         if self.pending.remove(&number) {
             self.orders.push(CallOrder::Cancel { number });
@@ -100,7 +103,7 @@ impl RawCalls {
         self.pending.len()
     }
 
-    /// Takes note that the spec connects it.
+    /// Records that the spec connects this call.
     pub fn connect(&mut self) {
         self.is_connected = true;
     }
@@ -119,14 +122,14 @@ impl RawCalls {
 }
 
 impl<A: Message, R: Message> Calls<A, R> {
-    /// Calls after this calculation; returns the number of the call. In any case there is one answer to it, unless it
-    /// is cancelled or the activation ends before.
+    /// Calls after this calculation; returns the number of the call. Every call gets exactly one answer, unless it is
+    /// cancelled or the activation ends before.
     pub fn call(&mut self, argument: A, within: Duration) -> u64 {
         self.make(None, argument, within)
     }
 
-    /// Calls the process of this path, of those that the spec connects with this call. If it is none of them, the answer is
-    /// [`ObjectError::NotConnected`].
+    /// Calls the process with this path, if it is one of the processes that the spec connects with this call. Otherwise
+    /// the answer is [`ObjectError::NotConnected`].
     pub fn call_to(&mut self, process: &str, argument: A, within: Duration) -> u64 {
         self.make(Some(process.to_owned()), argument, within)
     }
@@ -136,8 +139,8 @@ impl<A: Message, R: Message> Calls<A, R> {
         self.raw.call(to, argument, within)
     }
 
-    /// Returns whether the spec connects this call, in any connection set. A call that is not connected is answered
-    /// with [`ObjectError::NotConnected`], and so is a call whose set is not open.
+    /// Returns whether the spec connects this call, in any connection set. If the call is not connected, or its set is
+    /// not open, the answer is [`ObjectError::NotConnected`].
     pub const fn is_connected(&self) -> bool {
         self.raw.is_connected()
     }
@@ -153,7 +156,7 @@ impl<A: Message, R: Message> Calls<A, R> {
         Some((number, result.and_then(decode)))
     }
 
-    /// Waits no more for a call; its answer does not come. If it has not begun at the other end, it never does.
+    /// Stops waiting for a call; its answer is dropped. If the call has not begun at the other end, it never begins.
     pub fn cancel(&mut self, number: u64) {
         self.raw.cancel(number);
     }
@@ -164,9 +167,9 @@ impl<A: Message, R: Message> Calls<A, R> {
     }
 }
 
-/// Calls of whatever types. Implemented by [`Calls`]; used by [`super::Module`].
+/// Calls with any types. Implemented by [`Calls`]; used by [`super::Module`].
 pub trait AnyCalls {
-    /// Takes note that the spec connects it.
+    /// Records that the spec connects this call.
     fn connect(&mut self);
     /// Takes the waiting orders, in order.
     fn take(&mut self) -> Vec<CallOrder>;
@@ -188,7 +191,7 @@ impl<A: Message, R: Message> AnyCalls for Calls<A, R> {
     }
 }
 
-/// A field with `#[calls("Grip")]`: [`Calls`] alone.
+/// A field with `#[calls("Grip")]`. Only [`Calls`] implements this trait.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` makes no calls",
     label = "expected `Calls<A, R>`, where `A` and `R` are messages",
@@ -223,7 +226,7 @@ mod tests {
     }
 
     proptest! {
-        /// The answers come in any order, and repeated: each call that was not cancelled gets one answer.
+        /// The answers arrive in any order and repeatedly: each call that was not cancelled gets one answer.
         #[test]
         fn each_call_has_one_answer_or_is_cancelled(steps in prop::collection::vec((0_u8..4, 1_u64..80), 0..400)) {
             let (mut calls, mut open, mut told) = (Calls::<(), ()>::default(), BTreeSet::new(), 0_u64);

@@ -11,93 +11,96 @@ use std::time::Duration;
 
 /// A leaf of a spec: `Init()`, `Run()`, `MainCalc()` and `Stop()` of the paper's section 4.2.
 ///
-/// One activation is `init`, `run`, then `main_calc` once per period (or per sample of the trigger port) until it says
-/// that it is done or aborted, or until a stop is asked for; then `stop` once per period until it is finished. After
-/// that `init` may be called again. Calls never overlap. Inputs are forgotten between activations.
+/// One activation is `init`, then `run`. After that `main_calc` is called once per period, or once per sample of the
+/// trigger port. This ends when `main_calc` returns that the controller is done or aborted, or when a stop is
+/// requested. Then `stop` is called once per period until it is finished. After that `init` may be called again. Calls
+/// never overlap. Inputs are forgotten between activations.
 pub trait Controller: Sized + Send + 'static {
-    /// Its inputs, a struct with `#[derive(Inputs)]`, or `()`.
+    /// The inputs: a struct with `#[derive(Inputs)]`, or `()`.
     type Inputs: InputSet;
-    /// Its outputs, a struct with `#[derive(Outputs)]`, or `()`.
+    /// The outputs: a struct with `#[derive(Outputs)]`, or `()`.
     type Outputs: OutputSet;
-    /// The process type in specs.
+    /// The name of the process type in specs.
     const TYPE: &'static str;
 
     /// Describes the type.
     fn about() -> About;
 
-    /// Makes an idle instance from arguments that have the declared kinds.
+    /// Makes an instance that is not active, from arguments of the declared kinds.
     ///
     /// # Errors
     /// Says in one line what is wrong with the arguments.
     fn new(arguments: &Arguments) -> Result<Self, String>;
 
-    /// Prepares an activation; forgets the previous one. `value` is the value of the previous process, often empty.
+    /// Prepares an activation and forgets the previous one. `value` is the value of the previous process, often empty.
     ///
     /// # Errors
-    /// Says in one line why it cannot run; the activation is then aborted.
+    /// Says in one line why the controller cannot run; the activation is then aborted.
     fn init(&mut self, value: &[u8]) -> Result<(), String> {
         let _ = value;
         Ok(())
     }
 
-    /// Begins running; called once, directly after `init`.
+    /// Begins to run; called once, directly after `init`.
     fn run(&mut self, now: Time) {
         let _ = now;
     }
 
-    /// Takes other values for its parameters during the run, between two calculations. A controller that cannot do that
-    /// keeps the default implementation: then [`Controller::new`] gets them before the next activation.
+    /// Takes new values for the parameters during the run, between two calculations. A controller that cannot do that
+    /// keeps the default implementation: then [`Controller::new`] gets the values before the next activation.
     ///
     /// # Errors
-    /// Says in one line what is wrong with them; the old ones stay.
+    /// Says in one line what is wrong with the new values; the old values stay.
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
         let _ = arguments;
         Ok(Configured::Later)
     }
 
-    /// Reads the inputs, calculates, sends to the outputs.
+    /// Reads the inputs, calculates, and sends to the outputs.
     fn main_calc(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Progress;
 
-    /// Stops and releases everything; called once per period until it is [`Stopping::Finished`], at most for
+    /// Stops and releases everything. It is called once per period until it returns [`Stopping::Finished`], at most for
     /// [`About::stop_within`].
     fn stop(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Stopping {
         let _ = (tick, inputs, outputs);
         Stopping::Finished
     }
 
-    /// Returns why nothing may be sure about the end of the last [`Controller::stop`], for a person: something outside that
-    /// may go on, or that is not as it should be. Asked once, after the stop. Then the stop counts as unconfirmed.
+    /// Returns, for a person, why the end of the last [`Controller::stop`] is not certain: something outside may
+    /// continue, or may not be as it should be. Called once, after the stop. If there is a reason, the stop counts as
+    /// unconfirmed.
     fn unconfirmed(&self) -> Option<String> {
         None
     }
 
-    /// Declares what others may call and read, between two calculations. The procedures are functions of this type:
-    /// `exports.procedure("Grip", "Closes the fingers.", Self::grip).state("opening", "How far it is open.", Self::opening)`.
+    /// Declares which procedures others may call and which states they may read, between two calculations. The
+    /// procedures are functions of this type: `exports.procedure("Grip", "Closes the fingers.",
+    /// Self::grip).state("opening", "How far it is open.", Self::opening)`.
     fn exports(exports: &mut Exports<Self>) {
         let _ = exports;
     }
 
-    /// Returns what a person or a recorder would like to see, in a fixed order.
+    /// Returns the values that a person or a recorder may want to see, in a fixed order.
     fn signals(&self) -> Vec<Signal> {
         Vec::new()
     }
 }
 
-/// When other parameters take effect in a controller.
+/// The time from which a controller uses new parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Configured {
-    /// From its next calculation on.
+    /// From the next calculation on.
     Now,
-    /// When it is activated the next time.
+    /// From the next activation on.
     Later,
 }
 
 /// The moment of one calculation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tick {
-    /// This host's clock.
+    /// The present time on this host's clock.
     pub now: Time,
-    /// Since the last calculation of this activation; one period at the first.
+    /// The time since the last calculation of this activation; one period at the first calculation.
     pub elapsed: Duration,
 }
 
@@ -111,17 +114,17 @@ impl Tick {
 /// The result of a calculation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Call again.
+    /// The activation continues.
     Continue,
-    /// Ended normally, leaving this value to the next process.
+    /// The activation has ended normally. The next process gets this value.
     Done(Vec<u8>),
-    /// Failed, and why, for a person.
+    /// The activation has failed, for this reason; the text is for a person.
     Aborted(String),
 }
 
 impl Progress {
-    /// Returns the normal end that leaves `value` to the next process, encoded with postcard. A number in it that is not finite is an
-    /// abort, and so is a value that cannot be encoded.
+    /// Returns the normal end with `value` for the next process, encoded with postcard. The result is an abort if a
+    /// number in the value is not finite, or the value cannot be encoded.
     pub fn done<T: Serialize + ?Sized>(value: &T) -> Self {
         if !is_finite(value) {
             return Self::Aborted("a number of the value that it leaves is not finite".to_owned());
@@ -132,12 +135,12 @@ impl Progress {
         }
     }
 
-    /// Returns the normal end `tag`, one of [`About::outcomes`], leaving `value` to the next process; `&()` leaves none.
+    /// Returns the normal end `tag`, one of [`About::outcomes`], with `value` for the next process; `&()` for no value.
     ///
-    /// The bytes are the postcard encoding of `(tag, value)`: the length of the tag in one byte, the tag, and the value as
-    /// [`Progress::done`] encodes it. A `match` takes the tag off again. A tag that is empty or longer than [`TAG_MAX`] is
-    /// an abort, and so is a value that `done` refuses. Whether `About::outcomes` has the tag is checked when the process
-    /// ends.
+    /// The bytes are the postcard encoding of `(tag, value)`: the length of the tag in one byte, the tag, and the value
+    /// as [`Progress::done`] encodes it. A `match` removes the tag again. The result is an abort if the tag is empty or
+    /// longer than [`TAG_MAX`], or if `done` refuses the value. Whether `About::outcomes` contains the tag is checked
+    /// when the process ends.
     pub fn outcome<T: Serialize + ?Sized>(tag: &str, value: &T) -> Self {
         if !(1..=TAG_MAX).contains(&tag.len()) {
             return Self::Aborted(format!("`{tag}` cannot be the tag of an outcome"));
@@ -149,7 +152,7 @@ impl Progress {
 /// Whether `stop` has to be called again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stopping {
-    /// One period later.
+    /// Call `stop` again, one period later.
     Again,
     /// Nothing moves any more on behalf of this controller.
     Finished,
@@ -160,30 +163,31 @@ pub enum Stopping {
 pub struct About {
     /// One sentence.
     pub doc: &'static str,
-    /// True if it never ends normally (a sensor, a motion controller); false if it ends by itself (a detector, a step).
+    /// Whether the type never ends normally (a sensor, a motion controller). Otherwise it ends by itself (a detector, a
+    /// step).
     pub service: bool,
-    /// Whether it keeps state from one calculation to the next that it does not find again by itself.
+    /// Whether the controller keeps state from one calculation to the next that it could not find again by itself.
     pub remembers: bool,
-    /// When it calculates.
+    /// When the controller calculates.
     pub schedule: Schedule,
-    /// The longest its `stop` may take.
+    /// The longest duration of a stop.
     pub stop_within: Duration,
     /// Its parameters after the host, in order.
     pub parameters: &'static [Parameter],
-    /// How often its signals are published; none if it has none.
+    /// How often the signals are published; none if there are none.
     pub signals_every: Option<Duration>,
-    /// Its normal ends, when it has several: each [`Progress::outcome`] is one of them.
+    /// The normal ends, if there are several: each [`Progress::outcome`] is one of them.
     pub outcomes: &'static [Outcome],
-    /// The message type of the value that it starts with; none if it does not declare one.
+    /// The message type of the value with which an activation starts; none if the type does not declare one.
     pub start: Option<StartValue>,
 }
 
-/// The value that a controller type gets in its [`Controller::init`].
+/// The value that [`Controller::init`] of a type gets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StartValue {
     /// The message type: `Place`.
     pub type_name: &'static str,
-    /// The fields of the message, as of a record; empty if the message type does not name them.
+    /// The fields of the message, as in a record; empty if the message type does not name them.
     pub fields: &'static str,
 }
 
@@ -192,7 +196,7 @@ pub struct StartValue {
 pub struct Outcome {
     /// A word of the language, of at most [`TAG_MAX`] bytes: `found`.
     pub tag: &'static str,
-    /// The message type of the value that comes with it; none if there is no value.
+    /// The message type of the value of this end; none for an end without a value.
     pub type_name: Option<&'static str>,
 }
 
@@ -202,9 +206,10 @@ pub const TAG_MAX: usize = 64;
 /// When a controller calculates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
-    /// From one calculation to the next, on absolute deadlines.
+    /// The time from one calculation to the next, on absolute deadlines.
     pub period: Duration,
-    /// The port whose every new sample starts a calculation at once; the period is then the longest wait for one.
+    /// The port at which every new sample starts a calculation at once. The period is then the longest wait for a
+    /// sample.
     pub trigger: Option<&'static str>,
 }
 
@@ -233,59 +238,60 @@ impl About {
         Self::new(doc, false)
     }
 
-    /// Returns it keeping state from one calculation to the next, such as an estimate or how far it has come, which an instance
-    /// that is started again in the middle does not have. `dca check` then refuses a `restart` of it alone. A type that finds
-    /// its state again, from its inputs or from the database, does not say so.
+    /// Marks the type as one that keeps state from one calculation to the next, such as an estimate or the progress of
+    /// a motion. An instance that is restarted in the middle does not have this state, so `dca check` refuses a
+    /// `restart` of this process alone. Do not use this for a type that finds its state again, from its inputs or from
+    /// the database.
     #[must_use]
     pub const fn remembers(mut self) -> Self {
         self.remembers = true;
         self
     }
 
-    /// Returns it with a period; 10 ms otherwise.
+    /// Sets the period; 10 ms without this.
     #[must_use]
     pub const fn every(mut self, period: Duration) -> Self {
         self.schedule.period = period;
         self
     }
 
-    /// Returns it calculating on each new sample of `port`, and at the latest after one period.
+    /// Makes each new sample of `port` start a calculation. Without a sample, the next calculation is one period later.
     #[must_use]
     pub const fn triggered_by(mut self, port: &'static str) -> Self {
         self.schedule.trigger = Some(port);
         self
     }
 
-    /// Returns it with a bound on `stop`; 500 ms otherwise.
+    /// Sets the longest duration of `stop`; 500 ms without this.
     #[must_use]
     pub const fn stop_within(mut self, bound: Duration) -> Self {
         self.stop_within = bound;
         self
     }
 
-    /// Returns it with parameters after the host.
+    /// Sets the parameters after the host.
     #[must_use]
     pub const fn with(mut self, parameters: &'static [Parameter]) -> Self {
         self.parameters = parameters;
         self
     }
 
-    /// Returns it with several normal ends.
+    /// Sets the normal ends.
     #[must_use]
     pub const fn ends_with(mut self, outcomes: &'static [Outcome]) -> Self {
         self.outcomes = outcomes;
         self
     }
 
-    /// Returns it starting with a value of this type, as `goto with { x = 2 m, y = 1 m }` in a spec gives one. [`Controller::init`]
-    /// gets its bytes, for `postcard::from_bytes`.
+    /// Sets the type of the start value, which a spec gives for example as `goto with { x = 2 m, y = 1 m }`.
+    /// [`Controller::init`] gets its bytes, for `postcard::from_bytes`.
     #[must_use]
     pub const fn starts_with<T: Message>(mut self) -> Self {
         self.start = Some(StartValue { type_name: T::TYPE, fields: T::FIELDS });
         self
     }
 
-    /// Returns it publishing its signals this often.
+    /// Sets how often the signals are published.
     #[must_use]
     pub const fn signals_every(mut self, period: Duration) -> Self {
         self.signals_every = Some(period);

@@ -1,9 +1,9 @@
-//! The database of the robot, as a controller uses it: asked after a calculation, answered in a later one.
+//! The database of the robot for a controller: requests are sent after a calculation, and answered in a later one.
 //!
-//! A controller has one field for it, in its struct of outputs. Nothing waits: a request goes to the node after this
-//! calculation, over the control channel, so it also works on a robot that is cut off from all others. Each request has
-//! one answer. For a write only [`Ok`] counts as success: then it is on the disk of this robot, and goes to all others.
-//! If it is unknown whether it was committed, the answer says so ([`DatabaseError::Unknown`]).
+//! A controller has one field for the database, in its struct of outputs. No method waits. A request goes to the node
+//! after this calculation, over the control channel, so it also works on a robot without links to all others. Each
+//! request has one answer. For a write, only [`Ok`] counts as success: then the write is on the disk of this robot, and
+//! goes to all others. If it is unknown whether the write was committed, the answer is [`DatabaseError::Unknown`].
 //!
 //! ```
 //! use controllers::sdk::{Database, Expected, Outputs, Transaction, Value};
@@ -38,10 +38,11 @@ use thiserror::Error;
 
 pub use comms::logic::database::{Change, DatabaseRefusal, Entry, Expected, TxnId, Value, ValueError};
 
-/// The name for [`About::triggered_by`](super::About::triggered_by) if an answer of the database starts a calculation.
+/// The name for [`About::triggered_by`](super::About::triggered_by) with which each answer of the database starts a
+/// calculation.
 pub(crate) const DATABASE: &str = "database";
 
-/// The database, for one activation of a controller. A field of a struct of outputs, with `#[database]`.
+/// The database, for one activation of a controller. It is a field of a struct of outputs, with `#[database]`.
 #[derive(Debug, Default)]
 pub struct Database {
     now: Time,
@@ -62,7 +63,7 @@ struct Pending {
     until: Time,
 }
 
-/// Changes that happen together or not at all, and their conditions.
+/// Changes of which either all or none are made, and their conditions.
 #[derive(Clone, Debug)]
 pub struct Transaction {
     transaction: comms::logic::database::Transaction,
@@ -83,36 +84,37 @@ pub enum DatabaseError {
 /// Why the result of a request is unknown.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum Unknown {
-    /// The time is over.
+    /// The time limit has passed.
     #[error("no answer within {}", span(*.within))]
     Deadline {
-        /// How long was waited.
+        /// The length of the wait.
         within: Duration,
     },
-    /// The node was started again while the request was on its way.
+    /// The node was restarted while the request was in transit.
     #[error("the node was lost before it answered")]
     NodeLost,
-    /// The disk has failed while it was written.
+    /// The disk failed during the write.
     #[error("{why}")]
     Disk {
-        /// The database's words.
+        /// The reason that the database gave.
         why: String,
     },
 }
 
-/// An event of a watch: first the present values, then each change; and again from [`WatchEvent::Begin`] on whenever
-/// changes may have been missed.
+/// An event of a watch. First come the present values, then each change. Whenever changes may have been missed, the
+/// events start again with [`WatchEvent::Begin`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WatchEvent {
     /// The present values come next. All earlier values of these keys no longer count.
     Begin,
     /// Some of the present values.
     Present(Vec<Entry>),
-    /// These were all.
+    /// All present values have been sent.
     Complete,
-    /// A transaction was committed, on this robot or another: what it has written to watched keys, as a whole.
+    /// A transaction was committed, on this robot or another one. The change is everything that the transaction has
+    /// written to watched keys.
     Changed(Change),
-    /// Nothing comes.
+    /// The watch is refused, so no events come.
     Refused(DatabaseRefusal),
 }
 
@@ -126,12 +128,12 @@ pub enum DatabaseOrder {
         /// The request.
         request: DatabaseRequest,
     },
-    /// There is room for one more part of a watch.
+    /// The controller has taken one part of a watch, so another part may be sent.
     Taken {
         /// The number of its request.
         number: u64,
     },
-    /// A watch is not wanted any more.
+    /// A watch is no longer wanted.
     Cancel {
         /// The number of its request.
         number: u64,
@@ -139,7 +141,7 @@ pub enum DatabaseOrder {
 }
 
 impl Transaction {
-    /// Returns a transaction without changes, done for this reason, which people find in the history.
+    /// Returns a transaction without changes. The history shows `reason` to people.
     pub fn new(reason: impl Into<String>) -> Self {
         let transaction = comms::logic::database::Transaction { reason: reason.into(), ..Default::default() };
         Self { transaction, problem: None }
@@ -152,7 +154,7 @@ impl Transaction {
         self
     }
 
-    /// Adds a value; of several at one key the last counts.
+    /// Adds a value. If a key gets several values, the last one counts.
     #[must_use]
     pub fn put(mut self, key: impl Into<String>, value: impl Into<Value>) -> Self {
         let value = value.into();
@@ -197,13 +199,13 @@ impl Transaction {
 }
 
 impl Database {
-    /// Asks what a key holds; returns the number of the request. [`Database::value`] has the answer.
+    /// Requests the value of a key; returns the number of the request. [`Database::value`] returns the answer.
     pub fn get(&mut self, key: impl Into<String>, within: Duration) -> u64 {
         self.ask(false, within, Ok(DatabaseRequest::Get { key: key.into() }))
     }
 
-    /// Writes one key if it is as `expected`, if that is given; returns the number of the request. [`Database::committed`] has the
-    /// answer.
+    /// Writes one key, if it is as `expected` or nothing is expected; returns the number of the request.
+    /// [`Database::committed`] returns the answer.
     pub fn put(
         &mut self,
         key: impl Into<String>,
@@ -220,13 +222,13 @@ impl Database {
         self.transact(transaction.put(key, value), within)
     }
 
-    /// Asks for a transaction; returns the number of the request. [`Database::committed`] has the answer.
+    /// Requests a transaction; returns the number of the request. [`Database::committed`] returns the answer.
     pub fn transact(&mut self, transaction: Transaction, within: Duration) -> u64 {
         self.ask(true, within, transaction.check().map(DatabaseRequest::Transact))
     }
 
     /// Watches a key, or the keys below a prefix that ends in `/`; returns the number of the watch. [`Database::event`]
-    /// has its events. The watch ends with the activation.
+    /// returns its events. The watch ends with the activation.
     pub fn watch(&mut self, prefix: impl Into<String>) -> u64 {
         self.made += 1;
         if self.watches.len() >= WATCHES_MAX {
@@ -240,7 +242,7 @@ impl Database {
         self.made
     }
 
-    /// Cancels a watch. Events that were not looked at are dropped.
+    /// Cancels a watch. Events that were not read yet are dropped.
     pub fn unwatch(&mut self, number: u64) {
         if self.watches.remove(&number) {
             self.news.retain(|(of, _)| *of != number);
@@ -248,13 +250,13 @@ impl Database {
         }
     }
 
-    /// Returns the next answer to a `get`, with the number of the request: what the key holds, or nothing.
+    /// Returns the next answer to a `get`, with the number of the request: the value of the key, or none.
     pub fn value(&mut self) -> Option<(u64, Result<Option<Entry>, DatabaseError>)> {
         self.values.pop_front()
     }
 
-    /// Returns the next answer to a `put` or `transact`, with the number of the request. Only [`Ok`] says that it is committed; it
-    /// names the new version of all keys that were written.
+    /// Returns the next answer to a `put` or `transact`, with the number of the request. Only [`Ok`] means that the
+    /// transaction is committed; it contains the new version of all keys that were written.
     pub fn committed(&mut self) -> Option<(u64, Result<TxnId, DatabaseError>)> {
         self.commits.pop_front()
     }
@@ -268,7 +270,7 @@ impl Database {
         Some((number, event))
     }
 
-    /// Returns how many requests have no answer yet, watches left out.
+    /// Returns how many requests have no answer yet, without watches.
     pub fn pending(&self) -> usize {
         self.pending.len()
     }
@@ -296,7 +298,7 @@ impl Database {
         }
     }
 
-    /// Begins a calculation: the result of a request that has waited for too long is unknown.
+    /// Begins a calculation. If a request has waited for too long, its result becomes unknown.
     pub fn begin(&mut self, now: Time) {
         self.now = now;
         let late: Vec<(u64, Pending)> =
@@ -307,7 +309,7 @@ impl Database {
         }
     }
 
-    /// Takes what is to be done, in order.
+    /// Takes the waiting orders, in order.
     pub fn take(&mut self) -> Vec<DatabaseOrder> {
         std::mem::take(&mut self.orders)
     }
@@ -358,7 +360,7 @@ impl Database {
     }
 }
 
-/// A field with `#[database]`: [`Database`] alone.
+/// A field with `#[database]`. Only [`Database`] implements this trait.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not the database",
     label = "expected `Database`",
@@ -461,7 +463,7 @@ mod tests {
     }
 
     proptest! {
-        /// Each request has exactly one answer, whatever messages come, and whenever they come.
+        /// Each request has exactly one answer, whatever messages arrive, and whenever they arrive.
         #[test]
         fn each_request_has_one_answer(steps in prop::collection::vec((0..4_u8, 0..40_u64), 0..200)) {
             let (mut database, mut now, mut made, mut told) = (Database::default(), Time::ZERO, 0, Vec::new());

@@ -1,5 +1,5 @@
-//! The exports of a controller: procedures that others call, and state that they read, between two calculations of its
-//! loop.
+//! The exports of a controller: procedures that others call and states that others read, between two calculations of
+//! its loop.
 
 use super::port::{Message, is_fit};
 use comms::logic::object::{Access, ExportKind, Exported, ObjectCall, ObjectError, Signature, TypeForm};
@@ -16,7 +16,7 @@ struct Export<C> {
     run: Run<C>,
 }
 
-/// How an export is carried out: from the encoded argument.
+/// How an export is executed, from the encoded argument.
 enum Run<C> {
     Procedure(Box<RunProcedure<C>>),
     State(Box<ReadState<C>>),
@@ -36,7 +36,7 @@ pub struct ExportInterface {
     pub signature: Signature,
     /// One sentence.
     pub doc: &'static str,
-    /// Whether it is answered while the process is idle.
+    /// Whether the export also answers while the process is idle.
     pub is_answered_idle: bool,
     /// The right that a user of a team needs.
     pub access: Access,
@@ -51,7 +51,7 @@ pub struct CallInterface {
     pub signature: Signature,
     /// One sentence.
     pub doc: &'static str,
-    /// Whether the controller cannot work unless it is connected.
+    /// Whether the controller cannot work if the call is not connected.
     pub required: bool,
 }
 
@@ -66,17 +66,17 @@ pub enum Activity {
     Stopping,
 }
 
-/// Takes the one result of a call, encoded.
+/// Takes the result of a call, encoded.
 type Take = Box<dyn FnOnce(Result<Vec<u8>, ObjectError>) + Send>;
 
-/// The way of the answer to one call, of any type. If it is dropped without an answer, the caller receives `Gone`.
+/// The path of the answer to one call, for any type. If it is dropped without an answer, the caller receives `Gone`.
 pub struct RawReply {
     take: Take,
     is_wanted: Box<dyn Fn() -> bool + Send>,
 }
 
-/// The way of the answer to one call. It may be kept, and answered in a later calculation. If it is dropped without an
-/// answer, the caller receives `Gone`.
+/// The path of the answer to one call. A controller may keep it and answer in a later calculation. If it is dropped
+/// without an answer, the caller receives `Gone`.
 #[derive(Debug)]
 pub struct Reply<R> {
     raw: RawReply,
@@ -109,7 +109,7 @@ impl<C: 'static> Exports<C> {
         })
     }
 
-    /// Exports a procedure that takes its time: the controller keeps the [`Reply`], and answers in a later calculation.
+    /// Exports a procedure that takes some time: the controller keeps the [`Reply`] and answers in a later calculation.
     pub fn procedure_later<A: Message, R: Message>(
         &mut self,
         name: &'static str,
@@ -134,14 +134,14 @@ impl<C: 'static> Exports<C> {
         self
     }
 
-    /// Lets the last exported procedure be answered while the process is idle as well.
+    /// Lets the last exported procedure also answer while the process is idle.
     pub fn idle(&mut self) -> &mut Self {
         self.all.iter_mut().last().into_iter().for_each(|export| export.about.is_answered_idle = true);
         self
     }
 
-    /// Sets the right that a user of a team needs to call the procedure that was exported last. Without this it is
-    /// [`Access::Operate`]. Give [`Access::Look`] to a procedure that changes nothing.
+    /// Sets the right that a user of a team needs to call the procedure that was exported last. Without this call it is
+    /// [`Access::Operate`]. A procedure that changes nothing should have [`Access::Look`].
     pub fn access(&mut self, access: Access) -> &mut Self {
         self.all.iter_mut().last().into_iter().for_each(|export| export.about.access = access);
         self
@@ -178,7 +178,7 @@ impl<C: 'static> Exports<C> {
         self.all.iter().map(|export| export.about.clone()).collect()
     }
 
-    /// Carries out a call.
+    /// Executes a call.
     pub fn serve(&self, controller: &mut C, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let Some(export) = self.all.iter().find(|export| export.about.name == name) else {
             return reply.answer(Err(unknown(name, &self.interfaces())));
@@ -199,7 +199,7 @@ impl<C: 'static> Exports<C> {
 /// Returns the right that a user needs for a call, if the call fits an export.
 ///
 /// # Errors
-/// If there is no such export, or the caller knows it by other types.
+/// If there is no such export, or the caller expects other types.
 pub(super) fn admit(exports: &[ExportInterface], call: &ObjectCall) -> Result<Access, ObjectError> {
     let export = exports.iter().find(|export| export.name == call.name);
     let export = export.ok_or_else(|| unknown(&call.name, exports))?;
@@ -224,10 +224,10 @@ pub(super) fn form<T: Message>() -> TypeForm {
     TypeForm::new(T::TYPE, T::FIELDS)
 }
 
-/// Checks whether a value may be the argument or the result of a call.
+/// Checks whether a value may be the argument or the result of a call. `what` is the word for it in the error.
 ///
 /// # Errors
-/// A number in it is not finite.
+/// If a number in the value is not finite.
 pub(super) fn fit<T: Message>(value: &T, what: &str) -> Result<(), ObjectError> {
     if is_fit(value) { Ok(()) } else { Err(refused(format!("a number of the {what} is not finite"))) }
 }
@@ -237,7 +237,7 @@ pub(super) fn encode<T: Message>(value: &T) -> Result<Vec<u8>, ObjectError> {
 }
 
 impl ExportInterface {
-    /// Returns the argument or result in its encoded form.
+    /// Returns the description of the export in its encoded form.
     pub fn exported(&self) -> Exported {
         Exported {
             name: self.name.to_owned(),
@@ -249,7 +249,7 @@ impl ExportInterface {
         }
     }
 
-    /// `proc Grip(Push) -> Width idle;`, `state opening: Width;`
+    /// Returns for example `proc Grip(Push) -> Width idle;` or `state opening: Width;`.
     pub(super) fn text(&self) -> String {
         match self.kind {
             ExportKind::State => format!("state {}: {};", self.name, self.signature.result.name),
@@ -262,19 +262,19 @@ impl ExportInterface {
 }
 
 impl CallInterface {
-    /// Returns a call of `name`.
+    /// Returns the description of the call `name`.
     pub fn new<A: Message, R: Message>(name: &'static str, doc: &'static str, required: bool) -> Self {
         Self { name, signature: Signature { argument: form::<A>(), result: form::<R>() }, doc, required }
     }
 
-    /// `calls Grip(Push) -> Width optional;`
+    /// Returns for example `calls Grip(Push) -> Width optional;`.
     pub(super) fn text(&self) -> String {
         let optional = if self.required { "" } else { " optional" };
         format!("calls {}{optional};", called(self.name, &self.signature))
     }
 }
 
-/// `Grip(Push) -> Width`
+/// Returns for example `Grip(Push) -> Width`.
 fn called(name: &str, signature: &Signature) -> String {
     let answers =
         if signature.result.name.is_empty() { String::new() } else { format!(" -> {}", signature.result.name) };
@@ -282,7 +282,7 @@ fn called(name: &str, signature: &Signature) -> String {
 }
 
 impl RawReply {
-    /// Returns the way of an answer; `is_wanted` returns whether the caller still waits for it.
+    /// Returns the path of an answer. `is_wanted` returns whether the caller still waits for the answer.
     pub fn new(
         take: impl FnOnce(Result<Vec<u8>, ObjectError>) + Send + 'static,
         is_wanted: impl Fn() -> bool + Send + 'static,
@@ -295,7 +295,7 @@ impl RawReply {
         (self.is_wanted)()
     }
 
-    /// Answers.
+    /// Sends the answer.
     pub fn answer(self, result: Result<Vec<u8>, ObjectError>) {
         (self.take)(result);
     }
@@ -308,17 +308,18 @@ impl fmt::Debug for RawReply {
 }
 
 impl<R: Message> Reply<R> {
-    /// Answers.
+    /// Sends the answer.
     pub fn send(self, result: R) {
         self.raw.answer(encode(&result));
     }
 
-    /// Answers with a reason for not doing it, in one line.
+    /// Answers that the call was not executed, with the reason in one line.
     pub fn refuse(self, reason: impl Into<String>) {
         self.raw.answer(Err(refused(reason.into())));
     }
 
-    /// Returns whether the caller still waits: it has not cancelled, its time is not over, and its program lives.
+    /// Returns whether the caller still waits: it has not cancelled, its time limit has not passed, and its program
+    /// lives.
     pub fn is_wanted(&self) -> bool {
         self.raw.is_wanted()
     }
@@ -340,7 +341,7 @@ mod tests {
         const FIELDS: &'static str = "length: Length";
     }
 
-    /// Fingers, and the caller that waits for them.
+    /// The fingers, and the caller that waits for them.
     #[derive(Default)]
     struct Hand {
         width: f64,

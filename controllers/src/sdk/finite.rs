@@ -1,8 +1,9 @@
-//! Whether every number of a message is finite, whatever its type.
+//! Checks whether every number of a message is finite, for any type of message.
 //!
-//! A serializer that looks at floats and does nothing else, so no message has to say where its numbers are. It writes nothing and
-//! allocates nothing. Measured at the optimisation of the tests: 4 ns for a velocity of 15 numbers, 0.5 µs for a sweep of 361, and 2 ns for
-//! 1 MiB of bytes, also in a `Vec<u8>`: the compiler leaves out a loop that looks at no float. Its decoding takes 4 ms.
+//! The check is a serializer that only reads floats, so no message has to declare where its numbers are. It writes
+//! nothing and allocates nothing. Measured at the optimisation of the tests, it takes 4 ns for a velocity of 15
+//! numbers, 0.5 µs for a sweep of 361, and 2 ns for 1 MiB of bytes. This also holds for bytes in a `Vec<u8>`: the
+//! compiler removes a loop that reads no float. To decode these bytes takes 4 ms.
 
 use serde::Serialize;
 use serde::ser::{
@@ -11,20 +12,20 @@ use serde::ser::{
 };
 use std::fmt;
 
-/// Returns whether `value` has no number that is infinite, and none that is not a number.
+/// Returns whether no number in `value` is infinite or NaN.
 pub(super) fn is_finite<T: Serialize + ?Sized>(value: &T) -> bool {
     !matches!(value.serialize(Look), Err(Stop::NotFinite))
 }
 
-/// Looks at a value.
+/// The serializer that checks a value.
 #[derive(Clone, Copy)]
 struct Look;
 
-/// The reason why nothing more of a value is looked at.
+/// The reason why the check of a value ends early.
 #[derive(Debug)]
 enum Stop {
     NotFinite,
-    /// The value cannot be written; its encoder will report that.
+    /// The value cannot be serialized; its encoder will report that.
     Unwritable,
 }
 
@@ -146,7 +147,8 @@ impl Serializer for Look {
         Ok(())
     }
 
-    /// Unlike postcard, because messages of ROS 2 only show their fields to serializers for people, and bytes of CDR to all others.
+    /// Differs from postcard, because messages of ROS 2 show their fields only to serializers for people, and bytes of
+    /// CDR to all others.
     fn is_human_readable(&self) -> bool {
         true
     }
@@ -288,7 +290,7 @@ mod tests {
         assert!(is_finite(&()) && is_finite("inf") && is_finite(&None::<f64>) && is_finite(&vec![0xff_u8; 1 << 10]));
     }
 
-    /// Sends its input on, times a factor.
+    /// Sends its input, multiplied by a factor.
     struct Scale {
         factor: f64,
     }
@@ -300,7 +302,7 @@ mod tests {
         const TYPE: &'static str = "Number";
     }
 
-    /// A message whose number may also be infinite or not a number.
+    /// A message whose number may also be infinite or NaN.
     #[derive(Clone, Debug, Serialize, Deserialize)]
     struct Any(f64);
 
@@ -392,11 +394,11 @@ mod tests {
             assert_eq!(deliver(&mut *module, "In", number), refused);
             assert!(deliver(&mut *module, "Any", number).is_ok(), "it wants them");
         }
-        // The older value stays.
+        // The input keeps the older value.
         assert_eq!(module.calculate(Time::ZERO), Progress::Continue);
         let sent = sent(&mut *module);
         assert_eq!(sent, [("Out", 6.0), ("Any", f64::NEG_INFINITY)]);
-        // A controller that aborts for lack of values reports that some were not finite.
+        // If a controller aborts because it has no values, it also reports that some were not finite.
         assert!(NOT_FINITE.iter().all(|number| deliver(&mut *module, "All", *number).is_err()));
         let Progress::Aborted(why) = module.calculate(Time::ZERO) else { panic!("it goes on") };
         let told = "`All` has refused its last 6 values: a number in them was not finite";

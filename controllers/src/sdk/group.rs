@@ -1,12 +1,13 @@
-//! Several controllers in one process and one loop, with memory between them: an *in-process group*.
+//! Several controllers in one process and one loop, which exchange values in memory: an *in-process group*.
 //!
-//! To a node, a spec and a recorder it is one controller type, with the ports that it exposes. In each turn of its loop
-//! every member calculates at most once, in the order in which the members were added: when its period is over, or when
-//! a value has come that triggers it. Later members get a value in the same turn, earlier members
-//! get it in the next turn. So nothing between them waits for a thread or is copied to another process,
-//! and a turn ends with any wires.
+//! For a node, a spec and a recorder, the group is one controller type with the ports that it exposes. In each turn of
+//! the loop every member calculates at most once, in the order in which the members were added. A member calculates
+//! when its period is over, or when a value has arrived that triggers it. A value reaches later members in the same
+//! turn, and earlier members in the next turn. So no value between members waits for a thread or is copied to another
+//! process, and a turn ends with any wires.
 //!
-//! The members share their fate: one that ends, ends the group, and one that crashes takes the process of all of them along.
+//! The members share their fate. If one of them ends, the group ends. If one of them crashes, the process of all of
+//! them crashes.
 
 mod checks;
 mod inner;
@@ -22,10 +23,10 @@ use std::sync::Arc;
 use thiserror::Error;
 use turns::GroupModule;
 
-/// How many members a group has at most.
+/// The largest number of members of a group.
 const MEMBERS_MAX: usize = 64;
 
-/// Makes an idle member from the arguments of the group.
+/// Makes a member that is not active, from the arguments of the group.
 type Make = dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync;
 
 /// A group before it is checked, see [`super::Registry::add_group`].
@@ -94,7 +95,7 @@ pub struct MemberPort {
 }
 
 impl MemberPort {
-    /// Returns the port of this name of a member.
+    /// Returns the port with this name of a member.
     pub fn new(member: &str, port: &str) -> Self {
         Self { member: member.to_owned(), port: port.to_owned() }
     }
@@ -120,40 +121,40 @@ pub enum GroupError {
     Count {
         /// The group.
         group: &'static str,
-        /// How many.
+        /// The number of members.
         count: usize,
     },
-    /// Two things have one name.
+    /// Two members, ports, exports or calls have the same name.
     #[error("`{group}`: there are two `{name}`")]
     Twice {
         /// The group.
         group: &'static str,
-        /// The kind of the two: members, ports, exports or calls.
+        /// The name that occurs twice.
         name: String,
     },
-    /// A wire or an exposed port belongs to no member.
+    /// A wire or an exposed port names a port that no member has.
     #[error("`{group}` has no {direction} `{member}.{port}` to connect")]
     NoPort {
         /// The group.
         group: &'static str,
         /// `input` or `output`.
         direction: &'static str,
-        /// As given.
+        /// The given member.
         member: String,
-        /// As given.
+        /// The given port.
         port: String,
     },
-    /// Both ends of a wire, or two inputs that are exposed as one, are of different types.
+    /// The two ends of a wire, or two inputs that are exposed as one, have different types.
     #[error("`{group}`: `{from}` and `{to}` are of different types")]
     Types {
         /// The group.
         group: &'static str,
-        /// `Member.Port` of the one.
+        /// `Member.Port` of one end.
         from: String,
-        /// `Member.Port` of the other.
+        /// `Member.Port` of the other end.
         to: String,
     },
-    /// An input that its controller needs is connected with nothing.
+    /// An input that its controller needs is not connected.
     #[error("`{group}`: `{member}.{port}` is neither wired nor exposed")]
     Unconnected {
         /// The group.
@@ -163,7 +164,7 @@ pub enum GroupError {
         /// The input.
         port: &'static str,
     },
-    /// A device is owned and used, or two members write it.
+    /// One member owns a device that another member uses, or two members write to one device.
     #[error("`{group}`: `{key}` is of two members; a device has its owner and its clients in programs of their own")]
     Device {
         /// The group.
@@ -192,21 +193,21 @@ impl fmt::Debug for InProcessGroup {
 }
 
 impl InProcessGroup {
-    /// Returns a group without members, with its type name in specs and one sentence.
+    /// Returns a group without members. `type_name` is its type in specs, and `doc` describes it in one sentence.
     pub fn new(type_name: &'static str, doc: &'static str) -> Self {
         let (members, wires, exposed) = Default::default();
         Self { type_name, doc, parameters: &[], members, wires, exposed }
     }
 
-    /// Returns it with parameters after the host.
+    /// Sets the parameters after the host.
     #[must_use]
     pub fn with(mut self, parameters: &'static [Parameter]) -> Self {
         self.parameters = parameters;
         self
     }
 
-    /// Returns it with one more member; `given` makes its arguments, each `value` or `name=value`, from those of the group. The first member is
-    /// initialised with the value of the process before the group, the others with nothing.
+    /// Adds a member. `given` makes its arguments, each `value` or `name=value`, from the arguments of the group. The
+    /// first member is initialised with the value of the process before the group, the others with an empty value.
     #[must_use]
     pub fn member<C: Controller>(
         mut self,
@@ -224,24 +225,24 @@ impl InProcessGroup {
         self
     }
 
-    /// Returns it with a wire from an output of one member to an input of another one.
+    /// Adds a wire from an output of one member to an input of another member.
     #[must_use]
     pub fn wire(mut self, output: MemberPort, input: MemberPort) -> Self {
         self.wires.push((output, input));
         self
     }
 
-    /// Returns it with a port of a member as a port of its own. Several inputs of one type may be exposed as one.
+    /// Exposes a port of a member as a port of the group. Several inputs of one type may be exposed as one.
     #[must_use]
     pub fn expose(mut self, port: MemberPort, name: &'static str) -> Self {
         self.exposed.push((port, name));
         self
     }
 
-    /// Returns its interface, and its constructor.
+    /// Returns the interface and the constructor of the group.
     ///
     /// # Errors
-    /// Its members or wires do not fit.
+    /// If its members or wires do not fit.
     pub(super) fn checked(self) -> Result<(Interface, Box<Make>), GroupError> {
         let layout = Arc::new(Layout::of(self)?);
         let interface = layout.interface.clone();

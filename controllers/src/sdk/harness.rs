@@ -1,8 +1,8 @@
 //! Runs all modules in one thread on virtual time. The same seed gives the same result, bit for bit.
 //!
-//! Every calculation happens on its absolute deadline, or when its trigger sample arrives; what it sends arrives one
-//! transfer later. A [`Disturbance`] makes it as bad as a busy machine: calculations are held up, transfers take longer,
-//! samples are lost. Modules of one instant run in the order in which their calculations were armed.
+//! Every calculation happens on its absolute deadline, or when its trigger sample arrives. Its values arrive one
+//! transfer time later. A [`Disturbance`] simulates a busy machine: calculations are delayed, transfers take longer,
+//! and samples are lost. Modules with the same time run in the order in which their calculations were armed.
 
 mod disturbance;
 
@@ -19,25 +19,25 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Names a module of a harness.
+/// Identifies a module of a harness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ModuleId(usize);
 
 impl ModuleId {
-    /// Returns how many modules were added before it.
+    /// Returns how many modules were added before this one.
     pub fn number(self) -> usize {
         self.0
     }
 }
 
-/// Names a wire of a harness.
+/// Identifies a wire of a harness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct WireId(usize);
 
 /// The end of an activation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Report {
-    /// When its stop had finished.
+    /// When the stop of the activation had finished.
     pub at: Time,
     /// The module whose activation ended.
     pub module: ModuleId,
@@ -48,13 +48,13 @@ pub struct Report {
 /// How an activation ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Normally, leaving a value.
+    /// The activation ended normally, with a value.
     Done(Vec<u8>),
-    /// By a failure.
+    /// The activation failed.
     Aborted(String),
-    /// Because it was asked to.
+    /// The activation was asked to stop.
     Stopped,
-    /// Because it was asked to, and something outside of it may not be as its stop should leave it.
+    /// The activation was asked to stop, and something outside may not be as the stop should leave it.
     Unconfirmed(String),
 }
 
@@ -68,7 +68,7 @@ pub enum ConnectError {
         module: &'static str,
         /// `input` or `output`.
         direction: &'static str,
-        /// As asked for.
+        /// The given name of the port.
         port: String,
     },
     /// The ports are of different types.
@@ -112,7 +112,7 @@ pub struct Sent<'a> {
     pub bytes: &'a [u8],
 }
 
-/// Sees each sample before its module has it, and may change it.
+/// Sees each sample before its module gets it, and may change it.
 type Meddler = dyn FnMut(&Sample, &mut Vec<u8>);
 
 /// A sample that is about to be delivered.
@@ -120,18 +120,18 @@ type Meddler = dyn FnMut(&Sample, &mut Vec<u8>);
 pub struct Sample {
     /// The time of its delivery.
     pub at: Time,
-    /// The module that it is for.
+    /// The module that gets the sample.
     pub module: ModuleId,
     /// The input.
     pub port: &'static str,
-    /// The type of its messages.
+    /// The type of the input's messages.
     pub type_name: &'static str,
 }
 
 struct Slot {
     module: Box<dyn Module>,
     state: State,
-    /// Only the calculation armed last is valid.
+    /// Only the calculation with this number, which was armed last, is valid.
     token: u64,
     deadline: Time,
     held: (Time, Time),
@@ -189,7 +189,7 @@ impl Harness {
         self.sent
     }
 
-    /// Adds an idle module.
+    /// Adds a module that is not active.
     pub fn add(&mut self, module: Box<dyn Module>) -> ModuleId {
         self.slots.push(Slot {
             module,
@@ -207,7 +207,7 @@ impl Harness {
         &*self.slots[module.0].module
     }
 
-    /// Returns the signals of a module as of now.
+    /// Returns the present signals of a module.
     pub fn signals(&self, module: ModuleId) -> Vec<Signal> {
         self.slots[module.0].module.signals()
     }
@@ -254,7 +254,7 @@ impl Harness {
         })
     }
 
-    /// Opens a wire; it stays open until it has been closed as often.
+    /// Opens a wire. It stays open until it has been closed as often as it was opened.
     pub fn open(&mut self, wire: WireId) {
         self.wires[wire.0].open += 1;
     }
@@ -265,7 +265,7 @@ impl Harness {
         *open = open.saturating_sub(1);
     }
 
-    /// Initialises and runs a module; one that is not idle is left alone, and a report says so.
+    /// Initialises and runs a module. If the module is not idle, nothing happens, and a report says so.
     pub fn activate(&mut self, module: ModuleId, value: &[u8]) {
         let (now, slot) = (self.now, &mut self.slots[module.0]);
         if !matches!(slot.state, State::Idle) {
@@ -283,23 +283,24 @@ impl Harness {
         }
     }
 
-    /// Gives a module other parameters, as a node does.
+    /// Gives a module new parameters, like a node.
     ///
     /// # Errors
-    /// Why the module refuses them.
+    /// The reason why the module refuses them.
     pub fn configure(&mut self, module: ModuleId, arguments: Arguments) -> Result<(), String> {
         let running = self.is_active(module);
         self.slots[module.0].module.configure(arguments, running).map(drop)
     }
 
-    /// Asks a running module to stop; any other is left alone.
+    /// Asks a module to stop, if it is running.
     pub fn stop(&mut self, module: ModuleId) {
         if self.is_running(module) {
             self.begin_stop(module.0, Ending::Stopped);
         }
     }
 
-    /// Kills a module as `kill -9` does: nothing of it runs any more, its devices hear nothing, a report says so.
+    /// Kills an active module like `kill -9`: it does not run any more, its devices receive nothing, and a report says
+    /// so.
     pub fn crash(&mut self, module: ModuleId) {
         let (now, slot) = (self.now, &mut self.slots[module.0]);
         if !matches!(slot.state, State::Idle) {
@@ -309,7 +310,7 @@ impl Harness {
         }
     }
 
-    /// Starts an active module again with its memory gone, as a supervisor does that restarts it alone.
+    /// Restarts an active module without its memory, like a supervisor that restarts only this module.
     pub fn restart(&mut self, module: ModuleId, value: &[u8]) {
         if self.is_active(module) {
             let slot = &mut self.slots[module.0];
@@ -319,12 +320,12 @@ impl Harness {
         }
     }
 
-    /// Makes the machine and the network better or worse from now on; the seed stays.
+    /// Replaces the disturbance of the machine and the network from now on; the seed does not change.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.disturbance = disturbance;
     }
 
-    /// Lets `meddler` see, and change, the encoded samples that modules get from now on.
+    /// Lets `meddler` see and change the encoded samples that modules get from now on.
     pub fn meddle(&mut self, meddler: impl FnMut(&Sample, &mut Vec<u8>) + 'static) {
         self.meddler = Some(Box::new(meddler));
     }
@@ -334,7 +335,7 @@ impl Harness {
         self.listener = Some(Box::new(listener));
     }
 
-    /// Sends an encoded value to an input, as over a wire.
+    /// Sends an encoded value to an input, as if over a wire.
     ///
     /// # Errors
     /// If there is no such input.
@@ -344,7 +345,7 @@ impl Harness {
         Ok(())
     }
 
-    /// Lets time pass until an activation ends, at most until `until`.
+    /// Lets time pass until an activation ends, or until the time `until`.
     pub fn run(&mut self, until: Time) -> Option<Report> {
         loop {
             if !self.reports.is_empty() {
@@ -371,7 +372,7 @@ impl Harness {
         self.queue.insert((at, self.numbered), happening);
     }
 
-    /// Arms the next calculation of a slot; the machine may hold it up.
+    /// Arms the next calculation of a slot; the machine may delay it.
     fn arm(&mut self, slot: usize, due: Time) {
         let hold = if self.random.unit() < self.disturbance.hold_chance {
             self.disturbance.hold_max.mul_f64(self.random.between(1.0 / 3.0, 1.0))
@@ -409,7 +410,8 @@ impl Harness {
         let (now, armed) = (self.now, &mut self.slots[slot]);
         let schedule = armed.module.interface().about.schedule;
         let next = armed.deadline + schedule.period;
-        // A trigger restarts the wait, but that of a member of a group; a deadline that has passed is skipped, not caught up.
+        // A trigger restarts the wait, except the trigger of a member of a group. A deadline that has passed is
+        // skipped, not caught up.
         if schedule.trigger.is_some() || armed.deadline <= now {
             armed.deadline = if schedule.trigger.is_some() || next <= now { now + schedule.period } else { next };
         }
@@ -470,7 +472,7 @@ impl Harness {
         self.reports.push(Report { at: now, module: ModuleId(slot), ending });
     }
 
-    /// Starts the transfer of everything that a module has sent.
+    /// Starts the transfer of all values that a module has sent.
     fn send(&mut self, slot: usize) {
         let mut samples = Vec::new();
         self.slots[slot].module.drain(&mut |port, bytes| samples.push((port, bytes)));
@@ -484,7 +486,7 @@ impl Harness {
         }
     }
 
-    /// Puts a sample on its way to an input; the network may lose it.
+    /// Starts the transfer of a sample to an input; the network may lose it.
     fn transfer(&mut self, to: usize, input: &'static str, bytes: Vec<u8>) {
         self.sent += 1;
         if self.random.unit() < self.disturbance.drop_chance {

@@ -15,24 +15,26 @@ pub struct Interface {
     pub about: About,
     /// Inputs, then outputs, each in order of declaration.
     pub ports: Vec<PortInterface>,
-    /// Its exports to others, in order of declaration.
+    /// The exports, in order of declaration.
     pub exports: Vec<ExportInterface>,
-    /// Its calls of others, in order of declaration.
+    /// The calls of other processes, in order of declaration.
     pub calls: Vec<CallInterface>,
-    /// Of an in-process group: the outputs of members that lead to other members, by member in the order of their turns.
+    /// For an in-process group: the outputs of members that lead to other members, by member in the order of their
+    /// turns.
     pub inner: Vec<InnerOutput>,
 }
 
-/// An output of a member of an in-process group, and where its values go inside. No spec knows it; people look at it.
+/// An output of a member of an in-process group, and the inputs inside the group that get its values. It is not part of
+/// specs, but people can watch it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InnerOutput {
     /// The member and its port: `smooth.Out`.
     pub name: String,
     /// The message type.
     pub type_name: &'static str,
-    /// The fields of the message, as of a record; empty if the message type does not name them.
+    /// The fields of the message, as in a record; empty if the message type does not name them.
     pub fields: &'static str,
-    /// The inputs that have its values, in order of the wires: `limit.In`.
+    /// The inputs that get its values, in order of the wires: `limit.In`.
     pub inputs: Vec<String>,
 }
 
@@ -42,12 +44,12 @@ impl Interface {
         self.ports.iter().find(|port| port.name == name)
     }
 
-    /// Returns the devices whose keys this program owns, each once, in order of declaration.
+    /// Returns the devices that this program owns, each once, in order of declaration.
     pub fn owns(&self) -> Vec<&'static str> {
         self.devices(Binding::Owner)
     }
 
-    /// Returns the devices of others that this program needs, each once, in order of declaration.
+    /// Returns the devices of other programs that this program needs, each once, in order of declaration.
     pub fn needs(&self) -> Vec<&'static str> {
         self.devices(Binding::Client)
     }
@@ -62,7 +64,7 @@ impl Interface {
         names
     }
 
-    /// Returns the messages of its wires that say what is in them, each with its fields.
+    /// Returns the messages of the wires that name their fields, each with its fields.
     pub fn messages(&self) -> impl Iterator<Item = (&str, &str)> {
         let wires = self.ports.iter().filter(|port| port.binding == Binding::Wire);
         let start = self.about.start.iter().map(|start| (start.type_name, start.fields));
@@ -114,7 +116,7 @@ impl Interface {
         text
     }
 
-    /// `  done;`, or `  done(found: Pose | missing);`
+    /// Returns for example `  done;` or `  done(found: Pose | missing);`.
     fn done(&self) -> String {
         let outcomes = self.about.outcomes.iter().map(|outcome| {
             let value = outcome.type_name.map_or(String::new(), |name| format!(": {name}"));
@@ -124,7 +126,8 @@ impl Interface {
         if outcomes.is_empty() { "  done;".to_owned() } else { format!("  done({});", outcomes.join(" | ")) }
     }
 
-    /// Returns whether a process of this type may be done with `value`: any, unless it has declared its outcomes.
+    /// Returns whether a process of this type may end with `value`. Any value is allowed, unless the type has declared
+    /// its outcomes.
     pub fn may_end_with(&self, value: &[u8]) -> bool {
         let has_tag = |tag: &str| {
             let (length, rest) = value.split_first().map_or((0, value), |(&length, rest)| (usize::from(length), rest));
@@ -134,7 +137,7 @@ impl Interface {
     }
 }
 
-/// A doc comment; nothing if there is nothing to say.
+/// Returns the lines of a doc comment; no line for an empty text.
 fn doc_lines<'a>(indent: &'a str, doc: &'a str) -> impl Iterator<Item = String> + 'a {
     doc.trim().lines().map(move |text| format!("{indent}/// {}", text.trim()))
 }
@@ -176,7 +179,7 @@ mod tests {
         }
     }
 
-    /// Where to drive.
+    /// The place to drive to.
     #[derive(Debug, serde::Serialize, serde::Deserialize)]
     struct Place {
         x: f64,

@@ -1,9 +1,9 @@
 //! Ports that the spec connects with keys of the database: `db("team/flat/claim/**") -> robot, Claims;`
 //!
 //! An input of [`KeyNews`] gets the present values and then each change, like [`Database::watch`]. The values of an
-//! output of [`KeyPut`] are put, and an input of [`KeyAnswer`] gets the results. All of it is handed over directly
-//! before a calculation, and no more is requested before that calculation has seen it: so an [`Every`](super::Every)
-//! loses none.
+//! output of [`KeyPut`] are written to the database, and an input of [`KeyAnswer`] gets the results. All of these are
+//! delivered directly before a calculation. No more are requested before that calculation has seen them, so an
+//! [`Every`](super::Every) loses none.
 
 use super::database::{Database, DatabaseError, DatabaseOrder, Transaction, Unknown, WatchEvent};
 use super::port::Message;
@@ -15,13 +15,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Marks the numbers of requests that ports make: requests of the controller's own field do not have this mark.
+/// Marks the numbers of requests that ports make. Requests of the controller's own database field do not have this
+/// mark.
 const OF_PORTS: u64 = 1 << 63;
 
-/// The news for an input about the keys that it is connected with.
+/// The news for an input about the keys with which it is connected.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyNews {
-    /// The keys, as the plan has them: a key, or a prefix that ends in `/`.
+    /// The keys as in the plan: a key, or a prefix that ends in `/`.
     pub keys: String,
     /// The event.
     pub event: WatchEvent,
@@ -31,29 +32,29 @@ impl Message for KeyNews {
     const TYPE: &'static str = "KeyNews";
 }
 
-/// A value to be put at a key.
+/// A value to be written to a key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KeyPut {
-    /// The number of the put, which the answer carries.
+    /// The number of the put, which its answer repeats.
     pub number: u64,
-    /// The key; one that the output is connected with.
+    /// The key. The output must be connected with it.
     pub key: String,
-    /// The value; nothing to delete the key.
+    /// The value; none deletes the key.
     pub value: Option<comms::logic::database::Stored>,
     /// The expected state of the key, if it matters.
     pub expected: Option<Expected>,
-    /// How long the answer may take.
+    /// The time limit of the answer.
     pub within: Duration,
 }
 
 impl KeyPut {
-    /// Returns the request that puts a value at a key.
+    /// Returns the request that writes a value to a key.
     pub fn new(number: u64, key: impl Into<String>, value: impl Into<Value>, within: Duration) -> Self {
         let value = Some((&value.into()).into());
         Self { number, key: key.into(), value, expected: None, within }
     }
 
-    /// Returns it with an expected state of the key.
+    /// Sets the expected state of the key.
     #[must_use]
     pub fn expecting(self, expected: Expected) -> Self {
         Self { expected: Some(expected), ..self }
@@ -76,11 +77,11 @@ pub struct KeyAnswer {
 /// The result of a [`KeyPut`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum KeyResult {
-    /// It is on the disk of this robot, and goes to all others.
+    /// The write is on the disk of this robot, and goes to all others.
     Committed(TxnId),
     /// Nothing was done.
     Refused(DatabaseRefusal),
-    /// It is unknown whether it was committed; the reason is for a person.
+    /// It is unknown whether the write was committed; the reason is for a person.
     Unknown(String),
 }
 
@@ -105,7 +106,7 @@ pub struct KeyPorts {
     database: Database,
     /// The input and the keys of each watch.
     watches: BTreeMap<u64, (String, String)>,
-    /// The number that its output gave to each put.
+    /// By the number of the request, the number that the output gave to its put.
     puts: BTreeMap<u64, u64>,
     /// Answers to puts that were refused at once.
     refused: Vec<KeyAnswer>,
@@ -119,7 +120,7 @@ impl KeyPorts {
         self.ports = ports;
     }
 
-    /// Begins an activation: the inputs watch.
+    /// Begins an activation: the inputs begin to watch.
     pub fn begin(&mut self, interfaces: &[PortInterface], now: Time) {
         *self = Self { ports: std::mem::take(&mut self.ports), ..Self::default() };
         self.database.begin(now);
@@ -143,7 +144,7 @@ impl KeyPorts {
         self.ports.iter().any(|port| port.is_write && port.port == output)
     }
 
-    /// Takes what an output has sent, if it is connected.
+    /// Takes a value that an output has sent, if the output is connected.
     pub fn sent(&mut self, output: &str, bytes: &[u8]) {
         let mut own = self.ports.iter().filter(|port| port.is_write && port.port == output).peekable();
         if own.peek().is_none() {
@@ -160,7 +161,7 @@ impl KeyPorts {
         self.puts.insert(request, put.number);
     }
 
-    /// Returns what inputs are told before a calculation, in order: port and encoded value.
+    /// Returns the values to deliver to inputs before a calculation, in order: port and encoded value.
     pub fn news(&mut self, now: Time) -> Vec<(String, Vec<u8>)> {
         self.database.begin(now);
         let mut told = Vec::new();
@@ -182,7 +183,7 @@ impl KeyPorts {
         told
     }
 
-    /// Takes what is to be done, in order.
+    /// Takes the waiting orders, in order.
     pub fn orders(&mut self) -> Vec<DatabaseOrder> {
         let marked = |order| match order {
             DatabaseOrder::Ask { number, request } => DatabaseOrder::Ask { number: number | OF_PORTS, request },
@@ -192,10 +193,10 @@ impl KeyPorts {
         self.database.take().into_iter().map(marked).collect()
     }
 
-    /// Takes an answer, if it is for a port.
+    /// Takes an answer, if it belongs to a port.
     ///
     /// # Errors
-    /// Gives the answer back, which is not for a port.
+    /// Returns the answer again if it does not belong to a port.
     pub fn deliver(
         &mut self,
         number: u64,
@@ -258,7 +259,7 @@ mod tests {
         let news = KeyNews { keys: "team/claim/".into(), event: WatchEvent::Begin };
         assert_eq!((port.as_str(), postcard::from_bytes(&bytes)), ("Claims", Ok(news)));
         assert_eq!(ports.orders(), [DatabaseOrder::Taken { number: *watch }]);
-        // Requests of the controller itself are not for ports.
+        // Requests of the controller itself do not belong to ports.
         assert_eq!(ports.deliver(1, Ok(DatabaseAnswer::Begin)), Err(Ok(DatabaseAnswer::Begin)));
     }
 

@@ -1,8 +1,9 @@
-//! Queues, requests, routers and locks of a controller: the second paper's messaging level and synchronisation layer, over exports and calls.
+//! Queues, requests, routers and locks of a controller, over exports and calls: the messaging level and synchronisation
+//! layer of the second paper.
 //!
-//! A queue is exported as a procedure that takes a `QueueMessage` and answers a `Receipt`, a lock as one that takes a
-//! `LockRequest` and answers a `LockAnswer`, a router as one that takes a `Subscription` and answers a `Delivery`. So a
-//! spec connects, checks and switches them like any call.
+//! Each of these is exported as a procedure. The procedure of a queue takes a `QueueMessage` and answers a `Receipt`. A
+//! lock takes a `LockRequest` and answers a `LockAnswer`. A router takes a `Subscription` and answers a `Delivery`. So
+//! a spec connects, checks and switches them like any call.
 
 mod lock;
 mod queue;

@@ -1,4 +1,4 @@
-//! Any controller behind one object-safe trait, which both harnesses drive.
+//! Any controller behind one object-safe trait, which both harnesses use.
 
 use super::arguments::Arguments;
 use super::calls::CallOrder;
@@ -18,31 +18,33 @@ use comms::logic::time::Time;
 use std::sync::Arc;
 use thiserror::Error;
 
-/// A controller instance, its ports as bytes.
+/// A controller instance whose ports take and give bytes.
 ///
-/// The harness calls `init`, then `calculate` until it is not [`Progress::Continue`] or a stop is wanted, then `stop` until
-/// it is [`Stopping::Finished`] (also after done and aborted), and `drain` after each of them.
+/// The harness calls `init`, and then `calculate` until it does not return [`Progress::Continue`] or a stop is wanted.
+/// Then it calls `stop` until it returns [`Stopping::Finished`], also if the controller is done or aborted. After each
+/// of these calls it calls `drain`.
 pub trait Module: Send {
     /// Describes the type.
     fn interface(&self) -> &Interface;
 
-    /// Hands a sample to an input; says whether a calculation is due at once.
+    /// Hands a sample to an input; returns whether a calculation is due at once.
     ///
     /// # Errors
-    /// If there is no such input, the bytes are not of its type, or a number in them is not finite. The input keeps its older value.
+    /// If there is no such input, the bytes are not of its type, or a number in them is not finite. Then the input
+    /// keeps its older value.
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError>;
 
-    /// Hands over a sample as [`Module::deliver`] does, from bytes that can only be copied.
+    /// Hands over a sample like [`Module::deliver`], from bytes that can only be copied.
     ///
     /// # Errors
-    /// As of [`Module::deliver`].
+    /// As in [`Module::deliver`].
     fn deliver_from(&mut self, port: &str, source: &mut dyn Source, arrived: Time) -> Result<Delivery, DeliveryError> {
         let mut bytes = Vec::new();
         source.append(source.left(), &mut bytes);
         self.deliver(port, &bytes, arrived)
     }
 
-    /// Takes note that so many values were sent to an input, and do not come.
+    /// Records that `count` values were sent to an input, but will not arrive.
     fn lose(&mut self, port: &str, count: u64) {
         let _ = (port, count);
     }
@@ -50,22 +52,22 @@ pub trait Module: Send {
     /// Calls `Init(value)` and `Run()`.
     ///
     /// # Errors
-    /// The controller's reason for not running.
+    /// The reason why the controller does not run.
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String>;
 
-    /// The same, in a spec that connects these calls to others.
+    /// Like [`Module::init`], in a spec that connects these calls to others.
     ///
     /// # Errors
-    /// As [`Module::init`].
+    /// As in [`Module::init`].
     fn init_with(&mut self, calls: &[&'static str], value: &[u8], now: Time) -> Result<(), String> {
         self.connect_calls(calls);
         self.init(value, now)
     }
 
-    /// Continues with other parameters: a running controller is asked, an idle one is made again.
+    /// Continues with other parameters: a running controller is asked, and an idle controller is made again.
     ///
     /// # Errors
-    /// The mistake in them; the old ones stay.
+    /// The error in the parameters; the old ones stay.
     fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String>;
 
     /// Calls `MainCalc()`.
@@ -74,56 +76,57 @@ pub trait Module: Send {
     /// Calls `Stop()` once.
     fn stop(&mut self, now: Time) -> Stopping;
 
-    /// Returns the work outside of the program that may go on, for a person; none if the stop is confirmed. Called once
-    /// when the stop has finished or has taken too long.
+    /// Returns, for a person, the work outside of the program that may continue; none if the stop is confirmed. Called
+    /// once when the stop has finished or has taken too long.
     fn unconfirmed(&mut self) -> Option<String> {
         None
     }
 
-    /// Takes what the last call sent, as (port, bytes), in order of declaration.
+    /// Takes the values that the last call has sent, as (port, bytes), in order of declaration.
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>));
 
-    /// Takes what the last call sent, as [`Module::drain`] does. A value is encoded right into the memory that its consumers share, if there
-    /// is such.
+    /// Takes the values that the last call has sent, like [`Module::drain`]. If the consumers of a value share memory,
+    /// the value is encoded directly into this memory.
     fn drain_to(&mut self, outlets: &mut dyn Outlets) {
         self.drain(&mut |port, bytes| outlets.send(port, bytes));
     }
 
-    /// Returns what a recorder would like to see.
+    /// Returns the values that a recorder may want to see.
     fn signals(&self) -> Vec<Signal>;
 
-    /// Carries out a call of something that it exports; the answer may come later.
+    /// Executes a call of an export; the answer may come later.
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let _ = (argument, activity);
         reply.answer(Err(ObjectError::NoSuchProcedure { name: name.to_owned(), known: Vec::new() }));
     }
 
-    /// Takes which of its calls to others the spec connects; before it is activated.
+    /// Takes the calls to others that the spec connects. Called before an activation.
     fn connect_calls(&mut self, calls: &[&'static str]) {
         let _ = calls;
     }
 
-    /// Takes what the last call wants done about calls to others, as (call, order), in order of declaration.
+    /// Takes the orders of the last call about calls to others, as (call, order), in order of declaration.
     fn drain_calls(&mut self, _: &mut dyn FnMut(&'static str, CallOrder)) {}
 
-    /// Hands over the answer to a call of its own; says whether a calculation is due at once.
+    /// Hands over the answer to a call of this controller; returns whether a calculation is due at once.
     fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
         let _ = (call, number);
         drop(result);
         Delivery::Stored
     }
 
-    /// Takes which of its ports are connected with keys of the database; before it is activated.
+    /// Takes the ports that are connected with keys of the database. Called before an activation.
     fn connect_keys(&mut self, ports: Vec<KeyPort>) {
         drop(ports);
     }
 
-    /// Takes the function that wakes its loop when something else than a port value arrives; before it is activated.
+    /// Takes the function that wakes the loop when something other than a port value arrives. Called before an
+    /// activation.
     fn take_waker(&mut self, waker: Waker) {
         drop(waker);
     }
 
-    /// Returns whether it takes samples while it does not run.
+    /// Returns whether the controller takes samples while it does not run.
     fn hears_idle(&self) -> bool {
         false
     }
@@ -131,15 +134,15 @@ pub trait Module: Send {
     /// Takes the messages for the node of its activity, in order. Only a program with the ports of an activity has such messages.
     fn drain_messages(&mut self, _: Time, _: &mut dyn FnMut(PortMessage)) {}
 
-    /// Hands over the fate of such a message.
+    /// Hands over the fate of a message of [`Module::drain_messages`].
     fn received(&mut self, number: u64, fate: MessageFate) {
         let _ = (number, fate);
     }
 
-    /// Takes what the last call wants of the database, in order.
+    /// Takes the requests of the last call to the database, in order.
     fn drain_database(&mut self, _: &mut dyn FnMut(DatabaseOrder)) {}
 
-    /// Hands over what the database answers to a request; says whether a calculation is due at once.
+    /// Hands over an answer of the database; returns whether a calculation is due at once.
     fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
         let _ = number;
         drop(answer);
@@ -169,34 +172,36 @@ impl std::fmt::Debug for Waker {
     }
 }
 
-/// Where outputs lead.
+/// The destinations of outputs.
 pub trait Outlets {
     /// Sends an encoded value.
     fn send(&mut self, port: &'static str, bytes: Vec<u8>);
 
-    /// Leaves out the numbers of so many values, which were lost before they came to the output. Its consumers count them as lost.
+    /// Skips the numbers of `count` values that were lost before they came to the output. Its consumers count them as
+    /// lost.
     fn skip(&mut self, port: &'static str, count: u32) {
         let _ = (port, count);
     }
 
-    /// Shows the values of outputs inside a group to people, and takes them out of `values`. `heard` has a place for
-    /// each of [`Interface::inner`](super::interface::Interface::inner), in that order: whether the output is watched
-    /// from now on.
+    /// Shows the values of outputs inside a group to people, and removes them from `values`. `heard` has an element for
+    /// each of [`Interface::inner`](super::interface::Interface::inner), in that order. The call sets it to whether the
+    /// output is watched from now on.
     fn show_inner(&mut self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
         values.clear();
         heard.fill(false);
     }
 
-    /// Sends a value that `fill` encodes, if all that it goes to share memory; says whether it is sent. `fill` says whether it found room.
+    /// Sends a value that `fill` encodes, if all its receivers share memory; returns whether it was sent. `fill`
+    /// returns whether there was enough room.
     fn send_filled(&mut self, port: &'static str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool;
 }
 
 /// A value of an output inside a group, for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InnerValue {
-    /// The place of its output in [`Interface::inner`](super::interface::Interface::inner).
+    /// The index of its output in [`Interface::inner`](super::interface::Interface::inner).
     pub at: usize,
-    /// How many values have left that output, this one included.
+    /// How many values have left that output, including this one.
     pub number: u64,
     /// The value, encoded.
     pub bytes: Vec<u8>,
@@ -205,9 +210,9 @@ pub struct InnerValue {
 /// The answer of a module to a delivered sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// Nothing: the sample waits for the next calculation.
+    /// The sample waits for the next calculation.
     Stored,
-    /// A calculation now: it came in on the trigger port.
+    /// A calculation is due now: the sample came in on the trigger port.
     Triggers,
 }
 
@@ -219,7 +224,7 @@ pub enum DeliveryError {
     NoInput {
         /// The controller type.
         type_name: &'static str,
-        /// As asked for.
+        /// The given name of the port.
         port: String,
     },
     /// The bytes are of another type or version.
@@ -227,12 +232,12 @@ pub enum DeliveryError {
     Decode {
         /// The port.
         port: &'static str,
-        /// Its type.
+        /// The type of the port.
         expected: &'static str,
         /// The error of the decoder.
         cause: postcard::Error,
     },
-    /// A number in it is infinite, or not a number, and its type does not allow that.
+    /// A number in the value is infinite or NaN, and its type does not allow that.
     #[error("a value for `{port}` was refused: a number in it is not finite")]
     NotFinite {
         /// The port.
@@ -241,7 +246,7 @@ pub enum DeliveryError {
 }
 
 impl DeliveryError {
-    /// Returns the error for bytes that are not laid out as the type of an input.
+    /// Returns the error for bytes that do not have the layout of an input's type.
     pub fn malformed(port: &'static str, expected: &'static str) -> Self {
         Self::Decode { port, expected, cause: postcard::Error::DeserializeBadEncoding }
     }
@@ -255,7 +260,7 @@ pub(super) struct Instance<C: Controller> {
     outputs: C::Outputs,
     exports: Exports<C>,
     key_ports: KeyPorts,
-    /// Calls that the spec connects.
+    /// The calls that the spec connects.
     connected: Vec<&'static str>,
     input_count: usize,
     last: Option<Time>,
@@ -295,10 +300,10 @@ impl<C: Controller> Instance<C> {
         }
     }
 
-    /// Delivers the values of keys that ports are connected with.
+    /// Delivers the news of the keys with which ports are connected.
     fn tell_news(&mut self, now: Time) {
         for (port, bytes) in self.key_ports.news(now) {
-            // The spec was compared with the interface, and a port of another type hears nothing.
+            // The spec was compared with the interface, and a port of another type gets nothing.
             drop(self.deliver(&port, &bytes, now));
         }
     }
@@ -327,7 +332,7 @@ impl<C: Controller> Instance<C> {
         Ok(if trigger == Some(declared.name) { Delivery::Triggers } else { Delivery::Stored })
     }
 
-    /// Drops what waits at outputs and is not finite; returns the last port that has such a value.
+    /// Drops waiting values of outputs that are not finite; returns the last port with such a value.
     fn refuse_outputs(&mut self) -> Option<&'static str> {
         let (ports, mut refused) = (&self.interface.ports[self.input_count..], None);
         self.outputs.visit(&mut |at, output| {
@@ -338,7 +343,8 @@ impl<C: Controller> Instance<C> {
         refused
     }
 
-    /// Returns a reason to abort together with what is wrong with the inputs: so a reader whose sensor seems to be silent tells why.
+    /// Returns a reason to abort, extended by the problems of the inputs. So a reader whose sensor seems to be silent
+    /// reports why.
     fn explained(&mut self, mut reason: String) -> String {
         let ports = &self.interface.ports;
         self.inputs.visit(&mut |at, input| {

@@ -1,4 +1,4 @@
-//! Typed ports, and sets of them, which `#[derive(Inputs)]` and `#[derive(Outputs)]` write.
+//! Typed ports, and the sets of ports that `#[derive(Inputs)]` and `#[derive(Outputs)]` implement.
 
 use super::arrivals::{Arrivals, Refusals};
 use super::calls::AnyCalls;
@@ -16,34 +16,34 @@ use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::time::Duration;
 
-/// Something that travels from port to port: plain data in SI units, encoded with postcard.
+/// A value that travels from port to port: plain data in SI units, encoded with postcard.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a message",
     note = "write `impl Message for {Self} {{ const TYPE: &'static str = \"...\"; }}`"
 )]
 pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
-    /// Its name in interfaces; a wire joins ports of one name only.
+    /// The name of the type in interfaces; a wire only joins ports with the same name.
     const TYPE: &'static str;
-    /// The fields, as a spec writes them in a record: `force: Force[3], torque: Torque[3]`. Empty if the type does not
-    /// declare them: then `dca check` compares the name alone.
+    /// The fields, as a spec writes them in a record: `force: Force[3], torque: Torque[3]`. If it is empty, `dca check`
+    /// compares only the name.
     const FIELDS: &'static str = "";
-    /// Whether numbers in it may be infinite, or not a number. Otherwise an input refuses such a value and counts it, and an
-    /// output that sends one aborts its controller.
+    /// Whether numbers in the message may be infinite or NaN. If not, an input refuses such a value and counts it, and
+    /// an output that sends one aborts its controller.
     const ALLOW_NAN: bool = false;
 
-    /// Returns when it was measured, on the clock of the device's host: its age counts from then, however long it was
-    /// in transit. None if it was not measured; then its age counts from its arrival.
+    /// Returns when the message was measured, on the clock of the device's host. Its age counts from this time, however
+    /// long it was in transit. Returns none if it was not measured; then its age counts from its arrival.
     fn stamp(&self) -> Option<Time> {
         None
     }
 }
 
-/// Nothing: the argument of a procedure without one, or the result of a procedure without one.
+/// No value: for a procedure without an argument, or without a result.
 impl Message for () {
     const TYPE: &'static str = "";
 }
 
-/// A text alone, as the ports of activities have it.
+/// A text alone, as in the ports of activities.
 impl Message for String {
     const TYPE: &'static str = "Text";
 }
@@ -63,7 +63,7 @@ pub(super) fn is_fit<T: Message>(value: &T) -> bool {
 pub enum Unfit {
     /// The bytes are of another type or version.
     Encoding(postcard::Error),
-    /// A number in it is infinite, or not a number.
+    /// A number in the value is infinite or NaN.
     NotFinite,
 }
 
@@ -108,14 +108,14 @@ impl<T: Message> In<T> {
         self.value.as_ref().filter(|_| self.arrivals.is_fresh_within(now, age_max))
     }
 
-    /// Returns whether there is no value that is at most `age_max` old at `now`: none has come, or the last one is out
-    /// of date.
+    /// Returns whether the input lacks a value that is at most `age_max` old at `now`: none has arrived, or the last
+    /// one is too old.
     pub fn stale(&self, now: Time, age_max: Duration) -> bool {
         self.fresh_within(now, age_max).is_none()
     }
 
-    /// Returns the newest value if it arrived since the last calculation. A sample with the stamp of the previous one only repeats
-    /// it, because the sensor hangs: such a sample is not fresh.
+    /// Returns the newest value if it arrived after the last calculation. A sample with the stamp of the previous
+    /// sample only repeats it, because the sensor hangs. Such a sample is not fresh.
     pub fn fresh(&self) -> Option<&T> {
         self.value.as_ref().filter(|_| self.arrivals.is_fresh())
     }
@@ -130,15 +130,15 @@ impl<T: Message> In<T> {
         self.arrivals.received()
     }
 
-    /// Returns how many values were sent to this input in this activation and have not arrived: the link has dropped
-    /// them, or they found no room in the queue of the wire. Values that a switch of connections has held back and
+    /// Returns how many values were sent to this input in this activation but have not arrived: the link has dropped
+    /// them, or the queue of the wire was full. Values that a switch of connections has held back and
     /// dropped are reported with the switch.
     pub fn lost(&self) -> u64 {
         self.arrivals.lost()
     }
 
-    /// Returns how many values have arrived in this activation and were refused, because a number in them was not finite; see
-    /// [`Message::ALLOW_NAN`].
+    /// Returns how many values arrived in this activation but were refused, because a number in them was not finite;
+    /// see [`Message::ALLOW_NAN`].
     pub fn refused(&self) -> u64 {
         self.arrivals.refused()
     }
@@ -154,11 +154,11 @@ impl<T: Message> In<T> {
     }
 }
 
-/// How many values an [`Every`] keeps at most; a further value replaces the oldest.
+/// The largest number of values that an [`Every`] keeps; a further value replaces the oldest.
 pub const EVERY_MAX: usize = 8192;
 
-/// An input that keeps every value that has arrived since the last calculation, in order: for values that count, and
-/// not only as the present state. The spec sets how many wait before that, `queue 1000`.
+/// An input that keeps every value that has arrived since the last calculation, in order. It is for values of which
+/// each one counts, not only the latest. With `queue 1000` the spec sets how many values wait before the input.
 #[derive(Debug)]
 pub struct Every<T> {
     values: VecDeque<T>,
@@ -178,8 +178,8 @@ impl<T: Message> Every<T> {
         self.values.iter()
     }
 
-    /// Returns how many values were sent to this input in this activation and are not among those that it had: see
-    /// [`In::lost`]. Values that found no room here also count.
+    /// Returns how many values were sent to this input in this activation but were never among its values: see
+    /// [`In::lost`]. Values for which this input had no room also count.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -217,36 +217,36 @@ impl<T> Default for Out<T> {
 }
 
 impl<T> Out<T> {
-    /// Sends `value` after this calculation; of two values in one calculation the second goes.
+    /// Sends `value` after this calculation. If a calculation sends two values, only the second one is sent.
     pub fn send(&mut self, value: T) {
         self.pending = Some(value);
     }
 
-    /// Returns the value that waits to be sent.
+    /// Returns the value that waits to be sent, if there is one.
     pub fn pending(&self) -> Option<&T> {
         self.pending.as_ref()
     }
 }
 
-/// An input whatever its type. Implemented by [`In`] and [`Every`]; used by [`super::Module`].
+/// An input of any type. Implemented by [`In`] and [`Every`]; used by [`super::Module`].
 pub trait AnyIn {
     /// Takes an encoded value.
     ///
     /// # Errors
     /// If `bytes` are not a value of this port's type, or a number in it is not finite.
     fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), Unfit>;
-    /// Takes an encoded value that can only be copied: each byte once, right into the value.
+    /// Takes an encoded value that can only be copied. Each byte is copied once, directly into the value.
     ///
     /// # Errors
-    /// As of [`AnyIn::deliver`].
+    /// As in [`AnyIn::deliver`].
     fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), Unfit>;
-    /// Returns the present trouble with the values of this input, for a person: `has refused its last 6 values ...`.
+    /// Returns the present problem with the values of this input, for a person: `has refused its last 6 values ...`.
     fn trouble(&self) -> Option<String>;
-    /// Takes note of values that do not come.
+    /// Records that `count` values were sent, but will not arrive.
     fn lose(&mut self, count: u64);
-    /// Notes that a calculation has seen the newest value.
+    /// Records that a calculation has seen the newest value.
     fn mark_seen(&mut self);
-    /// Forgets everything.
+    /// Forgets all values and counts.
     fn clear(&mut self);
 }
 
@@ -302,18 +302,19 @@ impl<T: Message> AnyIn for Every<T> {
     }
 }
 
-/// An output whatever its type. Implemented by [`Out`]; used by [`super::Module`].
+/// An output of any type. Implemented by [`Out`]; used by [`super::Module`].
 pub trait AnyOut {
-    /// Takes the encoded value that waits, if any.
+    /// Takes the waiting value, encoded, if there is one.
     fn take(&mut self) -> Option<Vec<u8>>;
 
     /// Returns whether a value waits.
     fn is_pending(&self) -> bool;
 
-    /// Drops the value that waits, if a number in it is not finite; says whether it did.
+    /// Drops the waiting value if a number in it is not finite; returns whether it did.
     fn refuse(&mut self) -> bool;
 
-    /// Encodes the value that waits right into memory, and says whether there is room; then it waits no more.
+    /// Encodes the waiting value directly into memory; returns whether there was room. In this case the value does not
+    /// wait any more.
     fn fill(&mut self, filler: &mut Filler<'_>) -> bool;
 }
 
@@ -341,7 +342,7 @@ impl<T: Message> AnyOut for Out<T> {
     }
 }
 
-/// Memory that a value is encoded into.
+/// The memory into which a value is encoded.
 struct Memory<'a, 'b>(&'a mut Filler<'b>);
 
 impl Flavor for Memory<'_, '_> {
@@ -381,7 +382,7 @@ impl<T: Message> InputPort for Every<T> {
     type Message = T;
 }
 
-/// A field of a struct of outputs: [`Out`] alone.
+/// A field of a struct of outputs. Only [`Out`] implements this trait.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not an output port",
     label = "expected `Out<T>`, where `T` is a message",
@@ -396,7 +397,7 @@ impl<T: Message> OutputPort for Out<T> {
     type Message = T;
 }
 
-/// The inputs of a controller. Written by `#[derive(Inputs)]`; `()` for none.
+/// The inputs of a controller. `#[derive(Inputs)]` implements this for a struct. A controller without inputs uses `()`.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a set of inputs",
     note = "a struct becomes one with `#[derive(Inputs)]`; `()` is for a controller without inputs"
@@ -410,7 +411,7 @@ pub trait InputSet: Sized + Send + 'static {
     fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn AnyIn));
 }
 
-/// The outputs of a controller. Written by `#[derive(Outputs)]`; `()` for none.
+/// The outputs of a controller. Implemented by `#[derive(Outputs)]`; `()` for none.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not a set of outputs",
     note = "a struct becomes one with `#[derive(Outputs)]`; `()` is for a controller without outputs"
@@ -428,7 +429,7 @@ pub trait OutputSet: Sized + Send + 'static {
     }
     /// Visits the calls in the same order.
     fn visit_calls(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyCalls)) {}
-    /// Returns the database, if it is among them.
+    /// Returns the database, if it is one of the fields.
     fn database(&mut self) -> Option<&mut Database> {
         None
     }
@@ -511,9 +512,9 @@ mod tests {
             assert_eq!(input.stale(at(now), limit), input.age(at(now)) > Some(limit));
             input.age(at(now)).unwrap().as_millis()
         };
-        // The value was in transit for 80 ms, and has waited for 30.
+        // The value was in transit for 80 ms and has waited for 30 ms.
         assert_eq!(age(20_000, 20_080, 20_110), 110);
-        // Clocks of other hosts: ahead of this one, and far behind.
+        // Clocks of other hosts: one is ahead of this clock, and one is far behind.
         assert_eq!(age(30_000, 20_080, 20_110), 30);
         assert_eq!(age(5, 20_080, 20_110), 30);
     }

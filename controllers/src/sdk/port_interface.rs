@@ -3,17 +3,17 @@
 /// One port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortInterface {
-    /// Its name: `In1`, or the device key `arm/state`.
+    /// The name: `In1`, or the device key `arm/state`.
     pub name: &'static str,
     /// The direction in which data flows.
     pub direction: Direction,
-    /// The message type; both ends of a wire have the same.
+    /// The message type; both ends of a wire have the same type.
     pub type_name: &'static str,
-    /// The fields of the message, as of a record; empty if the message type does not name them.
+    /// The fields of the message, as in a record; empty if the message type does not name them.
     pub fields: &'static str,
     /// The doc line of the port.
     pub doc: &'static str,
-    /// Whether the controller cannot work unless it is connected.
+    /// Whether the controller cannot work if the port is not connected.
     pub required: bool,
     /// The binding of the port.
     pub binding: Binding,
@@ -24,18 +24,18 @@ pub struct PortInterface {
 pub enum Direction {
     /// Into the controller.
     In,
-    /// Out of it.
+    /// Out of the controller.
     Out,
 }
 
 /// The binding of a port: the wires of a spec, or a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Binding {
-    /// The wires that a spec gives it.
+    /// The wires that a spec connects with the port.
     Wire,
-    /// A device that another program owns: hears its `state`, or speaks to its `cmd`. Always open.
+    /// A device that another program owns. The port receives its `state` or sends to its `cmd`, and is always open.
     Client,
-    /// A device that this program owns: speaks its `state`, or hears its `cmd`. Always open.
+    /// A device that this program owns. The port sends its `state` or receives its `cmd`, and is always open.
     Owner,
 }
 

@@ -1,11 +1,11 @@
-//! A controller as a program of its own: started by a node, told what to do over a control socket, its data on a session
-//! of its own.
+//! A controller as a program of its own. A node starts it and sends it orders over a control socket; its data has a
+//! session of its own.
 //!
-//! Three parties share the process. The *listener* (the main thread) reads the node's orders, makes the links and opens
-//! and closes wires. The *cycle* (a thread with absolute deadlines) owns the controller and nothing else ever calls it.
-//! Zenoh's threads hand arriving samples over and wake the cycle. Invariant: each activation ends with exactly one
-//! notice, after `stop` has finished. The loss of the node does not change this: the listener looks for the next node,
-//! and the cycle continues. It ends only if the parent of this process is also gone.
+//! Three parties share the process. The *listener* (the main thread) reads the node's orders, makes the links, and
+//! opens and closes wires. The *cycle* (a thread with absolute deadlines) owns the controller, and no other thread
+//! calls it. Zenoh's threads hand over arriving samples and wake the cycle. Invariant: each activation ends with
+//! exactly one notice, after `stop` has finished. The loss of the node does not change this: the listener looks for the
+//! next node, and the cycle continues. It ends only if the parent of this process is also gone.
 //!
 //! The environment of a program: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a number
 //! behind `#` if there may be two of it; `DCA_DEPLOYMENT`, the name of its deployment, for people; `DCA_DATA_SOCKET`,
@@ -63,7 +63,7 @@ const USAGE: &str = "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node
        PROGRAM --list              the controller types it offers
        PROGRAM --dca-interface     their interfaces, as `module` blocks";
 
-/// Why a program cannot take part.
+/// Why a program cannot start as a controller.
 #[derive(Debug, Error)]
 enum ProcessError {
     #[error("a controller is started by `dca-node` or `dca run`, not by hand: {variable} is not set\n{USAGE}")]
@@ -85,7 +85,7 @@ enum ProcessError {
     Thread(#[from] std::io::Error),
 }
 
-/// Returns the usage to follow a mistake that only a person makes: a node only starts existing types.
+/// Returns the usage, which follows an error that only a person can make: a node only starts existing types.
 fn usage(error: &CreateError) -> String {
     match error {
         CreateError::UnknownType { .. } => format!("\n{USAGE}"),
@@ -98,11 +98,11 @@ fn usage(error: &CreateError) -> String {
 pub struct Embedding {
     /// The words of the command line behind the program.
     pub arguments: Vec<String>,
-    /// Runs the control loop on its thread, once: what the language needs of a thread is done around that.
+    /// Runs the control loop on its thread, once. It also makes the preparations that the language needs for a thread.
     pub around: fn(&mut (dyn FnMut() + Send)),
 }
 
-/// Runs this process as the controller that its arguments name. Everything `main` has to do.
+/// Runs this process as the controller that its arguments name. A `main` needs only this call.
 pub fn run(registry: &Registry) -> ExitCode {
     run_in(registry, &Embedding { arguments: std::env::args().skip(1).collect(), around: |run| run() })
 }
@@ -135,7 +135,7 @@ fn run_named(registry: &Registry, Embedding { arguments, around }: &Embedding) -
     if written.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns the name that the program was called by, and which DCA it was built with.
+/// Returns the name under which the program was called, and the version of DCA with which it was built.
 fn version(called: Option<std::ffi::OsString>) -> String {
     let called = called.map(PathBuf::from).unwrap_or_default();
     let name = called.file_name().map_or("controller".into(), |name| name.to_string_lossy().into_owned());
@@ -191,13 +191,13 @@ fn take_part(
     links.keyring().into_iter().for_each(|keyring| keyring.warrants().ask_by(&notices));
     notices.send(&hello(&interface, &word, location))?;
     let parameters = interface.about.parameters;
-    // The registry has made a controller of them already, so they fit.
+    // The registry has already made a controller from the arguments, so they fit.
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default().of(&deployment, &instance);
     let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices, around };
     program.serve(module, inbox, links, orders)
 }
 
-/// Returns what others see of this program; nothing outside of a team.
+/// Returns the identity of this program in its team; none without a team.
 fn team(inbox: &Arc<Inbox>) -> Result<Option<Arc<ProgramIdentity>>, ProcessError> {
     let Some(file) = std::env::var_os("DCA_TEAM") else { return Ok(None) };
     let inbox = Arc::clone(inbox);
@@ -211,8 +211,8 @@ fn needs_session(interface: &Interface) -> bool {
     !interface.ports.is_empty() || is_seen || is_called
 }
 
-/// Opens the way of wires to programs of this host, beside the data session. Without it they go over that. In a team both ends of a wire
-/// show each other by their keys that they are those.
+/// Opens the direct path of wires to programs of this host. Without it these wires use the data session. In a team,
+/// both ends of a wire prove their identity with their keys.
 fn direct_path(interface: &Interface, socket: &Path, keyring: Option<&Arc<Keyring>>) -> Option<Arc<DirectPath>> {
     let has_wires = interface.ports.iter().any(|port| port.binding == Binding::Wire);
     if !has_wires || std::env::var_os("DCA_DIRECT").is_some_and(|word| word == "off") {
@@ -238,9 +238,9 @@ fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> N
 struct Program {
     interface: Interface,
     instance: String,
-    /// The spec's values, with the present secrets.
+    /// The values of the spec, with the present secrets.
     arguments: Arguments,
-    /// The values from the database that replace them.
+    /// The values of the database that replace them.
     overlay: Vec<(String, String)>,
     session: Option<Arc<DataSession>>,
     notices: NoticeLog,
@@ -249,8 +249,8 @@ struct Program {
 }
 
 impl Program {
-    /// Obeys the node until it sends `Exit`, or no node and parent are left: then stops the running activation, and
-    /// leaves.
+    /// Obeys the node until it sends `Exit`, or until node and parent are gone. Then stops the running activation, and
+    /// ends.
     fn serve(
         mut self,
         module: Box<dyn Module>,
@@ -286,7 +286,7 @@ impl Program {
             }
         };
         inbox.command(Command::Leave);
-        // A loop that panics takes the process along, so nothing else can come of it.
+        // A loop that panics ends the process, so there is no other result.
         drop(running.join());
         self.notices.flush();
         links.clear();
@@ -296,16 +296,16 @@ impl Program {
         Ok(code)
     }
 
-    /// Returns the spec's values with those of the database over them.
+    /// Returns the values of the spec, replaced by the values of the database.
     fn overlaid(&self) -> Arguments {
         let mut arguments = self.arguments.clone();
-        // Wrong values are not among them.
+        // The overlay contains no wrong values.
         drop(arguments.overlay(self.interface.about.parameters, &self.overlay));
         arguments
     }
 
-    /// Makes links. Once there are some, a stop must not wait behind others: those are made in a thread of their own, which
-    /// ends with its answer.
+    /// Makes links. If there are links already, a stop must not wait for the programs at the other ends. So further
+    /// links are made in a separate thread, which ends with its answer.
     fn link(&self, orders: links::LinkOrders, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         let Some(session) = &self.session else {
             return Ok(self.notices.send(&Notice::Connected)?);
@@ -326,11 +326,11 @@ impl Program {
         Ok(())
     }
 
-    /// Links to a program that was started again; a stop must not wait behind that.
+    /// Links to a program that was restarted; a stop must not wait for this.
     fn relink(&self, lost: String, found: Dial, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         let Some(session) = &self.session else { return Ok(()) };
         session.forget(&lost);
-        // A robot goes on even if its node sends nonsense.
+        // A robot continues even if its node sends nonsense.
         session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
         if links.hears_directly(&lost) {
             let (session, inbox, links) = (Arc::clone(session), Arc::clone(inbox), Arc::clone(links));
@@ -371,14 +371,14 @@ impl Program {
             Order::Stop { activation } => hand_over(inbox, Command::Stop { activation })?,
             Order::Received { number, fate } => hand_over(inbox, Command::Received { number, fate })?,
             Order::Send { number, port, value } => {
-                // At once, so that an order to close its wires does not overtake it.
+                // The value is sent at once, so that an order to close its wires does not overtake it.
                 links.send(&port, value);
                 self.notices.send(&Notice::Sent { number })?;
             }
             Order::Configure { parameters } => {
                 let (overlay, wrong) = accepted(self.interface.about.parameters, parameters, &self.overlay);
                 for why in wrong {
-                    // Only a message to people: a robot continues with its present value rather than with a guess.
+                    // A message to people is enough: a robot continues with its present value rather than with a guess.
                     tell(
                         &format!("a value of the database is ignored, and its parameter is unchanged: {why}"),
                         ExitCode::SUCCESS,
@@ -432,7 +432,7 @@ fn obey_sigterm(inbox: &Arc<Inbox>, notices: &NoticeLog) -> Result<(), ProcessEr
             std::process::exit(128 + SIGTERM);
         }
     };
-    // Lives as long as the process: a thread that waits for a signal cannot be joined.
+    // The thread lives as long as the process: a thread that waits for a signal cannot be joined.
     std::thread::Builder::new().name("signals".to_owned()).spawn(obey)?;
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! The quantities that a parameter can have, each with its unit.
 
-/// A type of quantities of the `.dca` language; a program gets its values in SI units.
+/// A quantity type of the `.dca` language. Programs get its values in SI units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// In seconds.
@@ -36,7 +36,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Self; 15] = [
         Self::Time,
         Self::Length,
@@ -55,12 +55,12 @@ impl Quantity {
         Self::Size,
     ];
 
-    /// Returns its name in specs, such as `Force`.
+    /// Returns the name of the quantity in specs, such as `Force`.
     pub const fn name(self) -> &'static str {
         self.words().0
     }
 
-    /// Returns the symbol of its SI unit, such as `N`.
+    /// Returns the symbol of the SI unit, such as `N`.
     pub const fn unit(self) -> &'static str {
         self.words().1
     }

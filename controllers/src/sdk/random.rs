@@ -1,11 +1,11 @@
 //! A small pseudo-random generator, so that a seed gives the same run on every machine and with every version.
 
-/// SplitMix64, with the deviates that a simulated robot needs.
+/// SplitMix64, with the distributions that a simulated robot needs.
 #[derive(Clone, Debug)]
 pub struct Random(comms::logic::random::Random);
 
 impl Random {
-    /// Returns the generator of a seed.
+    /// Returns the generator for a seed.
     pub const fn new(seed: u64) -> Self {
         Self(comms::logic::random::Random::new(seed))
     }
@@ -46,7 +46,8 @@ mod tests {
 
     #[test]
     fn moments() {
-        // 40 000 draws: the mean's standard error is 0.005, the variance's 0.007; five of them are allowed.
+        // 40 000 draws: the standard error of the mean is 0.005, and that of the variance 0.007. The limits are five
+        // standard errors.
         let mut random = Random::new(7);
         let draws: Vec<f64> = (0..40_000).map(|_| random.normal(1.0)).collect();
         let mean = draws.iter().sum::<f64>() / 4e4;

@@ -12,11 +12,11 @@ use thiserror::Error;
 #[derive(Default)]
 pub struct Registry {
     types: BTreeMap<&'static str, Entry>,
-    /// The fields of record types in lists, by their names.
+    /// The fields of record types that occur in lists, by the names of the types.
     inner_types: BTreeMap<String, String>,
 }
 
-/// Makes an instance of its arguments; says why it cannot.
+/// Makes an instance from its arguments, or returns the reason why it cannot.
 type Create = dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync;
 
 struct Entry {
@@ -30,9 +30,9 @@ pub enum CreateError {
     /// There is no such type.
     #[error("unknown controller type `{type_name}`; there are {}", .known.join(", "))]
     UnknownType {
-        /// As asked for.
+        /// The given name.
         type_name: String,
-        /// The types that there are.
+        /// The known types.
         known: Vec<&'static str>,
     },
     /// An argument is wrong.
@@ -48,7 +48,7 @@ pub enum CreateError {
     Refused {
         /// The type.
         type_name: &'static str,
-        /// Its reason.
+        /// The reason that the controller gives.
         reason: String,
     },
 }
@@ -60,7 +60,7 @@ impl std::fmt::Debug for Registry {
 }
 
 impl Registry {
-    /// Adds a controller type; one of the same name is replaced.
+    /// Adds a controller type; a type with the same name is replaced.
     pub fn add<C: Controller>(&mut self) -> &mut Self {
         let create = |arguments: &Arguments| {
             let controller = C::new(arguments)?;
@@ -70,8 +70,9 @@ impl Registry {
         self
     }
 
-    /// Adds a type that is not a [`Controller`] of Rust, such as a class of another language, or a stand-in for a controller of another
-    /// program; one of the same name is replaced. `create` makes an instance, or says in one line what is wrong with the arguments.
+    /// Adds a type that is not a [`Controller`] of Rust, such as a class of another language, or a stand-in for a
+    /// controller of another program. A type with the same name is replaced. `create` makes an instance, or says in one
+    /// line what is wrong with the arguments.
     pub fn add_module(
         &mut self,
         interface: Interface,
@@ -83,7 +84,7 @@ impl Registry {
         self
     }
 
-    /// Adds a record type that messages have in lists: `x: Length, y: Length`.
+    /// Adds a record type that occurs in lists of messages: `x: Length, y: Length`.
     pub fn add_type(&mut self, name: &str, fields: &str) -> &mut Self {
         self.inner_types.insert(name.to_owned(), fields.to_owned());
         self
@@ -92,7 +93,7 @@ impl Registry {
     /// Adds a group of controllers that share a process and a loop, see [`InProcessGroup`]; a type of the same name is replaced.
     ///
     /// # Errors
-    /// Its members or wires do not fit.
+    /// If its members or wires do not fit.
     pub fn add_group(&mut self, group: InProcessGroup) -> Result<&mut Self, GroupError> {
         let (interface, create) = group.checked()?;
         self.types.insert(interface.type_name, Entry { interface, create });
@@ -118,7 +119,7 @@ impl Registry {
         std::iter::once(types).filter(|types| !types.is_empty()).chain(modules).collect::<Vec<_>>().join("\n")
     }
 
-    /// Makes an idle instance; `given` are its arguments after the host, each `value` or `name=value`.
+    /// Makes an instance that is not active; `given` are its arguments after the host, each `value` or `name=value`.
     ///
     /// # Errors
     /// If there is no such type, or the arguments do not fit it.
@@ -126,10 +127,10 @@ impl Registry {
         self.create_at("", "", type_name, given)
     }
 
-    /// Makes an idle instance for the process of this deployment and path.
+    /// Makes an instance that is not active, for the process with this deployment and path.
     ///
     /// # Errors
-    /// As [`Registry::create`].
+    /// As in [`Registry::create`].
     pub fn create_at<S: AsRef<str>>(
         &self,
         deployment: &str,

@@ -4,10 +4,10 @@ use super::Message;
 use ros::for_each_message;
 use ros::typed::{self, Message as RosMessage};
 
-/// Returns whether numbers in the messages of a package of ROS 2 may be infinite, or not a number.
+/// Returns whether numbers in the messages of a package of ROS 2 may be infinite or NaN.
 ///
-/// Drivers send such numbers in the messages of sensors: infinite for a ray without an echo, not a number for a quantity
-/// without a measurement. Source: REP 117, <https://www.ros.org/reps/rep-0117.html>.
+/// Drivers send such numbers in the messages of sensors: infinity for a ray without an echo, NaN for a quantity without
+/// a measurement. Source: REP 117, <https://www.ros.org/reps/rep-0117.html>.
 pub const fn allows_nan(package: &str) -> bool {
     matches!(package.as_bytes(), b"sensor_msgs")
 }

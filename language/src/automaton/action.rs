@@ -1,4 +1,4 @@
-//! Actions: rules 10 to 14.
+//! Actions, by rules 10 to 14.
 
 use super::chart::{Action, Fragment, ValueSource};
 use super::configuration::Configuration;
@@ -8,7 +8,7 @@ use super::shape::Automaton;
 use crate::algebra::{Cause, Reason, Value};
 use crate::plan::text_value;
 
-/// Carries out one block of actions. An error ends the block, and the first error is kept.
+/// Carries out one block of actions. An error ends the block. The configuration keeps the first error.
 pub(super) fn carry_out(
     automaton: &Automaton,
     configuration: &mut Configuration,
@@ -40,7 +40,7 @@ pub(super) fn carry_out(
     }
 }
 
-/// The text that fragments are together.
+/// Returns the text that the fragments make together.
 fn text_of(configuration: &Configuration, fragments: &[Fragment]) -> String {
     let text = |fragment: &Fragment| match fragment {
         Fragment::Text(text) => text.clone(),
@@ -54,7 +54,7 @@ fn text_of(configuration: &Configuration, fragments: &[Fragment]) -> String {
     fragments.iter().map(text).collect()
 }
 
-/// The value that a source stands for.
+/// Returns the value that a source stands for.
 pub(super) fn value_of(configuration: &Configuration, source: &ValueSource, event: &Value) -> Value {
     match source {
         ValueSource::Constant(value) => value.clone(),
@@ -73,7 +73,7 @@ pub(super) fn value_of(configuration: &Configuration, source: &ValueSource, even
     }
 }
 
-/// The reason of an abort with a text.
+/// Returns the reason of an abort with this text.
 pub(super) fn failed(why: &str) -> Reason {
     Reason { member: None, cause: Cause::Failed(why.into()) }
 }

@@ -1,7 +1,8 @@
-//! The place of an activity in a changed chart, while it runs.
+//! Finds the configuration of a running activity in its changed chart.
 //!
-//! States and variables are known by their names. Kept values stay in their order. A timer is known by its state, its
-//! time, and its place among the same timers of that state.
+//! The names of states and variables decide which states and variables are the same. Kept values stay in their order.
+//! Timers are the same if they have the same state, the same time, and the same position among the equal timers of that
+//! state.
 
 use super::chart::{StateKind, Trigger, Variable};
 use super::configuration::Configuration;
@@ -10,25 +11,25 @@ use crate::algebra::{Activity, Value};
 use std::collections::BTreeMap;
 use std::mem::discriminant;
 
-/// An activity in its changed chart.
+/// An activity that has moved to its changed chart.
 #[derive(Debug)]
 pub(crate) struct Moved {
-    /// Where it is.
+    /// The configuration in the new chart.
     pub(crate) place: Configuration,
     /// The new number of each old state that is still there.
     pub(crate) states: Vec<Option<usize>>,
-    /// The transitions whose timers run on: the old number of each, and the new one.
+    /// The transitions whose timers run on: the old number and the new number of each.
     pub(crate) timers: Vec<(usize, usize)>,
-    /// The old transitions whose timers run and have no place any more.
+    /// The old transitions whose timers run, but that have no counterpart in the new chart.
     pub(crate) cancelled: Vec<usize>,
     /// The new transitions of active states whose timers begin now.
     pub(crate) armed: Vec<usize>,
 }
 
-/// Finds the place of an activity that runs in another chart.
+/// Finds the configuration that a running activity has in another chart.
 ///
 /// # Errors
-/// Why it has none, as a clause of a sentence.
+/// Why the activity has no such configuration, as a clause of a sentence.
 pub(crate) fn carry(old: &Automaton, place: &Configuration, new: &Automaton) -> Result<Moved, &'static str> {
     if place.is_waiting() {
         return Err("a transition of the activity waits for a stop");
@@ -43,7 +44,7 @@ pub(crate) fn carry(old: &Automaton, place: &Configuration, new: &Automaton) -> 
     Ok(change.timers(next))
 }
 
-/// The state of the same name for each state; the root is the root.
+/// Returns, for each old state, the new state of the same name. The root stays the root.
 fn mapped(old: &Automaton, new: &Automaton) -> Vec<Option<usize>> {
     let states = new.chart().states.iter().enumerate().skip(1);
     let names: BTreeMap<&str, usize> = states.map(|(number, state)| (state.name.as_str(), number)).collect();
@@ -55,7 +56,7 @@ fn mapped(old: &Automaton, new: &Automaton) -> Vec<Option<usize>> {
     states.map(there).collect()
 }
 
-/// Returns what a value of a variable is in the variable that has its place.
+/// Returns the value that the new variable has in place of the value of the old variable.
 fn value_in(new: &Variable, old: &Variable, value: i32) -> Result<i32, &'static str> {
     if new.names.is_empty() != old.names.is_empty() {
         return Err("a variable of the activity has numbers in place of names, or names in place of numbers");
@@ -69,7 +70,7 @@ fn value_in(new: &Variable, old: &Variable, value: i32) -> Result<i32, &'static 
     if is_inside { Ok(value) } else { Err("a variable of the activity has a value that is outside its new range") }
 }
 
-/// One chart becomes another one.
+/// The change from one chart to another one.
 struct Change<'a> {
     old: &'a Automaton,
     place: &'a Configuration,
@@ -79,7 +80,7 @@ struct Change<'a> {
 }
 
 impl Change<'_> {
-    /// The active states, and their runs.
+    /// Moves the active states, and checks that their runs can go on.
     fn states(&self, next: &mut Configuration) -> Result<(), &'static str> {
         for state in (0..self.states.len()).filter(|&state| self.place.active[state]) {
             let there = self.states[state].ok_or("a state that the activity is in does not exist any more")?;
@@ -104,7 +105,7 @@ impl Change<'_> {
         }
     }
 
-    /// The numbers of runs, and the memories of histories and suspended states.
+    /// Moves the numbers of runs, and the memories of histories and suspended states.
     fn memories(&self, next: &mut Configuration) {
         for (state, there) in self.states.iter().enumerate() {
             let Some(there) = *there else { continue };
@@ -127,7 +128,7 @@ impl Change<'_> {
         Ok(())
     }
 
-    /// The timers that run on, those that do not, and new ones.
+    /// Finds the timers that run on, the timers that are cancelled, and the timers that begin.
     fn timers(self, mut next: Configuration) -> Moved {
         let (mut kept, mut cancelled, mut known) = (Vec::new(), Vec::new(), Vec::new());
         for number in 0..self.old.chart().transitions.len() {
@@ -154,7 +155,7 @@ impl Change<'_> {
         Moved { place: next, states: self.states, timers: kept, cancelled, armed }
     }
 
-    /// The new transition with the same timer in the same state.
+    /// Returns the new transition with the same timer in the same state.
     fn counterpart(&self, number: usize) -> Option<usize> {
         let transition = self.old.transition(number);
         let is_timer = matches!(transition.trigger, Trigger::After(_) | Trigger::Every(_));

@@ -6,10 +6,10 @@ use crate::algebra::Value;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// An activity before it is checked. States are numbered in document order, and number 0 is the activity itself.
+/// An activity that was not checked yet. States are numbered in document order, and number 0 is the activity itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chart {
-    /// The states, each before the states inside it.
+    /// The states. Each state comes before the states inside it.
     pub states: Vec<ChartState>,
     /// The transitions in document order.
     pub transitions: Vec<Transition>,
@@ -17,20 +17,20 @@ pub struct Chart {
     pub variables: Vec<Variable>,
     /// How many values the activity can keep.
     pub slots: usize,
-    /// For each input port, how many messages may wait.
+    /// For each input port, the number of messages that may wait.
     pub ports: Vec<usize>,
 }
 
 /// One state of a chart.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChartState {
-    /// The name, for people.
+    /// The name, which only people read.
     pub name: String,
-    /// The state that it is directly inside; none for the root.
+    /// The state directly around this state. The root has none.
     pub parent: Option<usize>,
     /// The kind of the state.
     pub kind: StateKind,
-    /// The value that its run starts with; none if it runs nothing.
+    /// The start value of the run, or none if the state has no run.
     pub run: Option<ValueSource>,
     /// The actions on entry.
     pub entry: Vec<Action>,
@@ -45,56 +45,56 @@ pub enum StateKind {
     Atomic,
     /// A state with one active inner state at a time.
     Compound {
-        /// Where it begins: states or histories inside it.
+        /// The states or histories inside the state with which the state begins.
         initial: Vec<usize>,
     },
     /// A state whose inner states are active together.
     Parallel,
-    /// The end of its parent.
+    /// A state whose entry completes its parent.
     Final,
-    /// An atomic state that remembers what was active before.
+    /// An atomic state that remembers which states were active before.
     Suspended,
-    /// A place that leads to the states that were active before.
+    /// A target that leads to the states that were active before.
     History {
-        /// How much it remembers.
+        /// How many states the history remembers.
         depth: History,
-        /// The states that it leads to at first.
+        /// The states that the history leads to while it remembers nothing.
         default: Vec<usize>,
     },
 }
 
-/// How much a history remembers.
+/// How many states a history remembers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum History {
-    /// The active state directly inside the parent.
+    /// It remembers the active state directly inside the parent.
     Shallow,
-    /// All active atomic states inside the parent.
+    /// It remembers all active atomic states inside the parent.
     Deep,
 }
 
 /// A transition of a state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Transition {
-    /// The state that it belongs to.
+    /// The state that the transition belongs to.
     pub source: usize,
-    /// The event that it waits for.
+    /// The event that the transition waits for.
     pub trigger: Trigger,
-    /// The condition; none holds always.
+    /// The condition. Without one, the transition is always allowed.
     pub guard: Option<Formula>,
-    /// Where it leads.
+    /// The target.
     pub target: Target,
-    /// Whether it stays inside its source, if it can.
+    /// Whether the transition stays inside its source, if that is possible.
     pub internal: bool,
-    /// The actions between exits and entries.
+    /// The actions, which come after the exits and before the entries.
     pub actions: Vec<Action>,
 }
 
 /// The event that a transition waits for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Trigger {
-    /// No event: it is taken as soon as its guard holds.
+    /// No event: the transition is taken as soon as its guard holds.
     Always,
-    /// A message at a port, and perhaps only one that a filter lets through.
+    /// A message at a port. If there is a filter, the filter has to let the message through.
     Message {
         /// The number of the port.
         port: usize,
@@ -105,17 +105,17 @@ pub enum Trigger {
     Any,
     /// A signal that an action has raised.
     Signal(usize),
-    /// Something that the surroundings have noticed: a lost host, a wish to suspend.
+    /// An event outside the activity: for example a host is lost, or a person asks to suspend.
     Notice(usize),
-    /// The run of the source is done, and perhaps only with this tag.
+    /// The run of the source is done. If there is a tag, the outcome has to have this tag.
     Done(Option<String>),
-    /// A run in the source has aborted, and perhaps only for this cause.
+    /// A run in the source has aborted. If there is a cause, the abort has to have this cause.
     Aborted(Option<Failure>),
     /// The source has completed.
     Complete,
-    /// The source has been active for a time.
+    /// The source has been active for this time.
     After(Duration),
-    /// A time has passed, again and again.
+    /// This time has passed, again and again.
     Every(Duration),
 }
 
@@ -126,44 +126,44 @@ impl Chart {
     }
 }
 
-/// Where a transition leads.
+/// The target of a transition.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Target {
-    /// Nowhere: no state is left.
+    /// No target: no state is left.
     Stay,
-    /// To these states or histories.
+    /// The transition leads to these states or histories.
     States(Vec<usize>),
-    /// To what the suspended source remembers.
+    /// The transition leads to the states that the suspended source remembers.
     Resume,
-    /// To the normal end of the activity, with a value.
+    /// The transition ends the activity normally, with a value.
     Done(ValueSource),
-    /// To the abort of the activity, with a text.
+    /// The transition aborts the activity, with a text.
     Abort(String),
 }
 
-/// A value that a run starts with, or that is kept or sent.
+/// A value that starts a run, or that is kept or sent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ValueSource {
-    /// This value.
+    /// A constant.
     Constant(Value),
     /// A value that the activity has kept.
     Slot(usize),
-    /// The value of the event: of a message, of the end of a run, or of the start.
+    /// The value of the event: of a message, of the end of a run, or of the start of the activity.
     Event,
-    /// A value behind the tag of an outcome.
+    /// A value with the tag of an outcome before it.
     Tagged {
         /// The tag.
         tag: String,
         /// The value.
         of: Box<Self>,
     },
-    /// A text that is put together, as a program reads it.
+    /// A text of several fragments, in the bytes that a program reads.
     Text(Vec<Fragment>),
-    /// The value of a formula, as a program reads a number.
+    /// The value of a formula, in the bytes of a number that a program reads.
     Number(Formula),
 }
 
-/// Something that an activity does at a moment.
+/// An action of an activity.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Action {
     /// Assigns a finite variable.
@@ -189,25 +189,25 @@ pub enum Action {
         /// The value.
         value: ValueSource,
     },
-    /// Writes a line for people.
+    /// Writes a line that people read.
     Log(Vec<Fragment>),
 }
 
-/// A part of a line for people.
+/// A part of a line that people read, or of a text that is sent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fragment {
-    /// This text.
+    /// A constant text.
     Text(String),
     /// The value of a formula.
     Number(Formula),
-    /// The name of the value of a formula: the first one is that of 0.
+    /// The name of the value of a formula. The first name is the name of the value 0.
     Name(Formula, Vec<String>),
 }
 
 /// A finite variable. A `bool` is 0 or 1, and an enumeration counts from 0.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Variable {
-    /// The name, for people.
+    /// The name, which only people read.
     pub name: String,
     /// The least value.
     pub min: i32,
@@ -215,7 +215,7 @@ pub struct Variable {
     pub max: i32,
     /// The value at the start.
     pub initial: i32,
-    /// The names of the values from `min` on; none if the values are numbers.
+    /// The names of the values, beginning with `min`. The list is empty if the values are numbers.
     pub names: Vec<String>,
 }
 
@@ -242,14 +242,14 @@ impl ChartState {
 }
 
 impl Trigger {
-    /// Returns how long a timer runs; none for other triggers.
+    /// Returns the time of a timer, or none for other triggers.
     pub fn time(&self) -> Option<Duration> {
         if let Self::After(time) | Self::Every(time) = self { Some(*time) } else { None }
     }
 }
 
 impl Transition {
-    /// Returns a transition without guard and actions.
+    /// Returns a transition without a guard and without actions.
     pub fn new(source: usize, trigger: Trigger, target: Target) -> Self {
         Self { source, trigger, guard: None, target, internal: false, actions: Vec::new() }
     }

@@ -1,4 +1,4 @@
-//! Where an activity is.
+//! The configuration of an activity.
 
 use super::select::Cue;
 use super::shape::Automaton;
@@ -6,11 +6,11 @@ use crate::algebra::{Activation, Activity, Outcome, Reason, Value};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Where one activity is: its active states, variables and memories. It belongs to one [`Automaton`].
+/// The configuration of one activity: its active states, variables and memories. It belongs to one [`Automaton`].
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Configuration {
     pub(super) active: Vec<bool>,
-    /// The states that were entered in this reaction, and whose runs and timers have not begun.
+    /// The states that were entered in this reaction, and whose runs and timers have not begun yet.
     pub(super) fresh: Vec<bool>,
     pub(super) variables: Vec<i32>,
     pub(super) slots: Vec<Value>,
@@ -20,20 +20,20 @@ pub struct Configuration {
     pub(super) runs: Vec<Run>,
     /// The timers of the transitions.
     pub(super) timers: Vec<Timer>,
-    /// Signals and completions that were raised, the oldest first.
+    /// Signals and completions that were raised. The oldest comes first.
     pub(super) raised: VecDeque<Cue>,
-    /// Events that wait, the next one first.
+    /// Events that wait. The next event comes first.
     pub(super) queue: Vec<Queued>,
     /// The transitions that wait until runs have ended.
     pub(super) pending: Option<Pending>,
-    /// The first error of the step between configurations that is carried out.
+    /// The first error in the current step between configurations.
     pub(super) error: Option<Reason>,
 }
 
 /// The run of a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Run {
-    /// The latest activation; 0 before the first.
+    /// The number of the latest activation. It is 0 before the first activation.
     pub(super) activation: Activation,
     pub(super) activity: Activity,
 }
@@ -41,7 +41,7 @@ pub(super) struct Run {
 /// The timer of a transition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Timer {
-    /// The latest arming; 0 before the first.
+    /// The number of the latest arming. It is 0 before the first arming.
     pub(super) activation: Activation,
     pub(super) is_armed: bool,
 }
@@ -49,13 +49,13 @@ pub(super) struct Timer {
 /// An event that waits for its reaction.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Queued {
-    /// A greater one comes first. Ends and timers are above all messages.
+    /// An event with a greater priority comes first. Ends and timers have a greater priority than all messages.
     pub(super) priority: u16,
     pub(super) cue: Cue,
 }
 
 impl Queued {
-    /// Whether it is a message at a port.
+    /// Returns whether the event is a message at this port.
     pub(super) fn is_at(&self, port: usize) -> bool {
         matches!(&self.cue, Cue::Message { port: other, .. } if *other == port)
     }
@@ -64,11 +64,11 @@ impl Queued {
 /// A step between configurations that waits for the end of runs.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Pending {
-    /// The transitions that will be carried out; none if the activity ends.
+    /// The transitions that will be carried out. The list is empty if the activity ends.
     pub(super) chosen: Vec<usize>,
     /// The value of the event.
     pub(super) value: Value,
-    /// How the activity will end, if no transition decides that.
+    /// The outcome of the activity, if no transition decides it.
     pub(super) ending: Option<Outcome>,
     /// The first stop that was not confirmed.
     pub(super) unconfirmed: Option<Reason>,
@@ -94,7 +94,7 @@ impl Configuration {
         }
     }
 
-    /// Returns whether the activity was not started since its last end.
+    /// Returns whether the activity does not run.
     pub fn is_idle(&self) -> bool {
         !self.active.first().is_some_and(|&active| active)
     }
@@ -115,7 +115,7 @@ impl Configuration {
         self.pending.is_some()
     }
 
-    /// Returns whether a message of this priority at this port would be lost: rule 51.
+    /// Returns whether a message of this priority at this port would be lost by rule 51.
     pub fn has_no_room(&self, automaton: &Automaton, port: usize, priority: u8) -> bool {
         let waiting = || self.queue.iter().filter(|queued| queued.is_at(port));
         let limit = automaton.chart().ports.get(port).copied().unwrap_or(0);
@@ -143,8 +143,8 @@ impl Configuration {
         self.timers.get(transition).map_or((Activation(0), false), |timer| (timer.activation, timer.is_armed))
     }
 
-    /// Returns the same place with all numbers of activations set to 1, and with other values. Explorers call it, for
-    /// which neither matters.
+    /// Returns the same configuration with all numbers of activations set to 1, and with changed values. State-space
+    /// explorers call it, because these numbers and values do not matter to them.
     pub(crate) fn without_numbers(&self, change: &dyn Fn(&Value) -> Value) -> Self {
         let mut plain = self.clone();
         plain.runs.iter_mut().for_each(|run| run.activation = Activation(1));
@@ -157,18 +157,18 @@ impl Configuration {
         plain
     }
 
-    /// Queues an event behind those of the same or a higher priority.
+    /// Queues an event after the events of the same or a higher priority.
     pub(super) fn enqueue(&mut self, priority: u16, cue: Cue) {
         let place = self.queue.partition_point(|queued| queued.priority >= priority);
         self.queue.insert(place, Queued { priority, cue });
     }
 
-    /// Returns whether a run is asked to stop and has not ended.
+    /// Returns whether any run was asked to stop and has not ended.
     pub(super) fn awaits_runs(&self) -> bool {
         self.runs.iter().any(|run| run.activity == Activity::Stopping)
     }
 
-    /// Forgets everything but the numbers of activations.
+    /// Resets everything but the runs and the timers, whose numbers of activations continue.
     pub(super) fn reset(&mut self, automaton: &Automaton) {
         let (runs, timers) = (std::mem::take(&mut self.runs), std::mem::take(&mut self.timers));
         *self = Self { runs, timers, ..Self::new(automaton) };

@@ -1,11 +1,11 @@
-//! Which states are entered: rules 41, 42 and 60 to 64.
+//! Finds the states that are entered, by rules 41, 42 and 60 to 64.
 
 use super::chart::{StateKind, Target, Transition};
 use super::configuration::Configuration;
 use super::shape::Automaton;
 use std::collections::BTreeSet;
 
-/// Returns the states that a transition leads to, histories and `resume` replaced by their memories.
+/// Returns the states that a transition leads to. The memories of histories and of `resume` take their places.
 pub(super) fn effective_targets(
     automaton: &Automaton,
     configuration: &Configuration,
@@ -53,7 +53,7 @@ pub(super) fn entry_set(
 ) -> BTreeSet<usize> {
     let mut entered = BTreeSet::new();
     add(automaton, &mut entered, domain, targets);
-    // Each addition is inside the state that it is made for, so it comes later.
+    // Each addition is inside the current state, so it comes later in document order.
     let mut next = Some(domain);
     while let Some(state) = next {
         let is_missing = |entered: &BTreeSet<usize>, state: usize| {
@@ -80,7 +80,7 @@ pub(super) fn entry_set(
     entered
 }
 
-/// Adds states and all that is between them and a state around them.
+/// Adds the targets, and all states between them and the state `around`.
 fn add(automaton: &Automaton, entered: &mut BTreeSet<usize>, around: usize, targets: &[usize]) {
     for &target in targets {
         entered.extend(automaton.upward(target).take_while(|&state| state != around));

@@ -3,7 +3,7 @@
 use crate::algebra::{Activation, Outcome, Value};
 use std::time::Duration;
 
-/// One thing that has happened to an activity: the input of [`step`](super::step()).
+/// An event of an activity: the input of [`step`](super::step()).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
     /// The activity is started with a value.
@@ -12,14 +12,14 @@ pub enum Event {
     Stop,
     /// The run of a state has ended.
     Ended {
-        /// The state.
+        /// The state whose run has ended.
         state: usize,
         /// The activation of the run that has ended.
         activation: Activation,
-        /// How it has ended.
+        /// The outcome of the run.
         outcome: Outcome,
     },
-    /// A timer has run out.
+    /// The time of a timer has passed.
     Elapsed {
         /// The transition that the timer is for.
         transition: usize,
@@ -30,16 +30,16 @@ pub enum Event {
     Message {
         /// The number of the port.
         port: usize,
-        /// The numbers of the filters that let it through.
+        /// The numbers of the filters that let the message through.
         filters: Vec<usize>,
-        /// The priority; of messages that wait, a greater one comes first.
+        /// The priority. Of the waiting messages, the message with the greatest priority comes first.
         priority: u8,
         /// The content.
         value: Value,
     },
-    /// The surroundings have noticed something.
+    /// An event outside the activity, by the number of the notice.
     Notice(usize),
-    /// Too many runs have ended at once, one after the other: the activity ends.
+    /// Too many runs have ended at once, one after the other. The activity ends.
     Overrun,
 }
 
@@ -50,23 +50,23 @@ impl Event {
     }
 }
 
-/// One order of an activity. A step gives them in the order in which they are to be carried out.
+/// A command of an activity. The caller carries out the commands of a step in their order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
     /// Start the run of a state.
     Run {
-        /// The state.
+        /// The state whose run starts.
         state: usize,
-        /// The activation that begins.
+        /// The number of the new activation.
         activation: Activation,
         /// The value that the run starts with.
         value: Value,
     },
     /// Stop the run of a state.
     Stop {
-        /// The state.
+        /// The state whose run stops.
         state: usize,
-        /// The activation that is to stop.
+        /// The number of the activation that stops.
         activation: Activation,
     },
     /// Deliver [`Event::Elapsed`] after this time.
@@ -75,10 +75,10 @@ pub enum Command {
         transition: usize,
         /// The number of this arming.
         activation: Activation,
-        /// How long.
+        /// The time from now.
         after: Duration,
     },
-    /// Forget a timer.
+    /// Cancel a timer.
     Cancel {
         /// The transition that the timer is for.
         transition: usize,
@@ -92,9 +92,9 @@ pub enum Command {
         /// The value.
         value: Value,
     },
-    /// Write a line for people.
+    /// Write a line that people read.
     Log(String),
-    /// A message was lost, because too many wait at its port.
+    /// Report a lost message: too many messages wait at its port.
     Lost {
         /// The number of the port.
         port: usize,

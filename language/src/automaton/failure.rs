@@ -1,24 +1,24 @@
-//! The reasons of failures that transitions and the arms of `else match` ask for.
+//! The reasons of failures, which transitions and the arms of `else match` can name.
 
 use crate::algebra::{Cause, Value};
 use crate::plan::{DEADLINE, text_value};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// The reason of a failure. Each failure has exactly one, and keeps it through groups and operators.
+/// The reason of a failure. Each failure has exactly one reason, and keeps it in groups and operators.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Failure {
     /// A program has reported a failure.
     Reported,
-    /// The process was running already.
+    /// The process was already running.
     Busy,
     /// A stop was not confirmed.
     StopUnconfirmed,
     /// A service has ended.
     ServiceEnded,
-    /// `fail` or `abort` with this text.
+    /// A `fail` or `abort` with this text.
     Failed(String),
-    /// No arm of a `match` has the tag.
+    /// No arm of a `match` fits the tag.
     NoMatch,
     /// The time of a `within` has passed.
     Timeout,
@@ -29,7 +29,7 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// The reasons that have a word of their own.
+    /// The reasons that a spec names with a word.
     pub const WORDS: [(&'static str, Self); 8] = [
         ("timeout", Self::Timeout),
         ("reported", Self::Reported),
@@ -41,8 +41,8 @@ impl Failure {
         ("no_match", Self::NoMatch),
     ];
 
-    /// The reasons without a text that a report can carry, each with its second byte. The first byte is 0, so that the report
-    /// is neither a text nor a tag.
+    /// The reasons without a text that a report can carry. The second byte of the report says the reason. The first byte is 0, so that the
+    /// report is neither a text nor a tag.
     const MARKS: [(Self, u8); 5] =
         [(Self::Busy, 1), (Self::ServiceEnded, 2), (Self::NoMatch, 3), (Self::Crash, 4), (Self::HostLost, 5)];
 
@@ -51,12 +51,13 @@ impl Failure {
         Self::WORDS.into_iter().find(|(known, _)| *known == word).map(|(_, failure)| failure)
     }
 
-    /// Returns the reason that stands for all that nothing asks for, where states are packed. No spec can name it.
+    /// Returns one reason for all failures that no part of a spec asks for. Packed states use it. No spec can name it.
     pub fn other() -> Self {
         Self::Failed("\0".to_owned())
     }
 
-    /// Returns the report of a member that has failed for this reason. An unconfirmed stop is an event of its own.
+    /// Returns the report of a member that has failed for this reason. The report of an unconfirmed stop is empty, because it is an event of
+    /// its own.
     pub fn report(&self) -> Value {
         match self {
             Self::Failed(text) => text_value(text),
@@ -74,7 +75,7 @@ impl Failure {
         }
     }
 
-    /// Returns the reason that a member gives in its report.
+    /// Returns the reason in the report of a member.
     pub fn of_report(report: &Value) -> Self {
         if let Some(text) = report.text() {
             return Self::of_text(text);
@@ -100,7 +101,7 @@ impl Failure {
         }
     }
 
-    /// Returns whether an abort has this reason. A text is also that of a limit.
+    /// Returns whether an abort has this reason. The text of a time limit also matches as a text.
     pub(crate) fn is_of(&self, cause: &Cause) -> bool {
         match (self, cause) {
             (Self::Failed(text), Cause::Failed(why)) => **text == **why,
@@ -109,7 +110,7 @@ impl Failure {
         }
     }
 
-    /// Returns a text for people about a reason that has none of its own.
+    /// Returns a text for people, if the reason has no text of its own.
     pub(crate) fn words(&self) -> Option<&'static str> {
         match self {
             Self::Busy => Some("busy"),

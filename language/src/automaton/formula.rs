@@ -11,15 +11,15 @@ pub enum Formula {
     Number(i64),
     /// The value of a variable.
     Variable(usize),
-    /// Whether a state is active.
+    /// 1 if the state is active, otherwise 0.
     In(usize),
-    /// Whether the operand is 0.
+    /// 1 if the operand is 0, otherwise 0.
     Not(Box<Self>),
-    /// Whether both are not 0.
+    /// 1 if neither operand is 0, otherwise 0.
     And(Box<Self>, Box<Self>),
-    /// Whether one is not 0.
+    /// 1 if an operand is not 0, otherwise 0.
     Or(Box<Self>, Box<Self>),
-    /// Whether the relation holds.
+    /// 1 if the relation holds, otherwise 0.
     Compare(Relation, Box<Self>, Box<Self>),
     /// The sum.
     Add(Box<Self>, Box<Self>),

@@ -1,11 +1,11 @@
-//! The memories of histories and suspended states: rules 59, 62 and 63.
+//! The memories of histories and suspended states, by rules 59, 62 and 63.
 
 use super::chart::{History, StateKind};
 use super::configuration::Configuration;
 use super::shape::Automaton;
 use std::collections::BTreeSet;
 
-/// Notes in each history what is active, if its parent is left.
+/// Stores in each history whose parent is left which states are active.
 pub(super) fn remember(automaton: &Automaton, configuration: &mut Configuration, exits: &BTreeSet<usize>) {
     for history in 0..configuration.active.len() {
         let (StateKind::History { depth, .. }, Some(parent)) = (automaton.kind(history), automaton.parent(history))
@@ -25,7 +25,7 @@ pub(super) fn remember(automaton: &Automaton, configuration: &mut Configuration,
     }
 }
 
-/// Notes in each suspended state that will be entered what was left inside its parent.
+/// Stores in each suspended state that will be entered which atomic states inside its parent are left.
 pub(super) fn suspend(
     automaton: &Automaton,
     configuration: &mut Configuration,

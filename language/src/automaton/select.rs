@@ -1,4 +1,4 @@
-//! Which transitions an event takes: rules 23 to 35.
+//! Chooses the transitions that an event takes, by rules 23 to 35.
 
 use super::chart::{Target, Transition, Trigger};
 use super::configuration::Configuration;
@@ -9,7 +9,7 @@ use crate::algebra::{Cause, Reason, Value};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// An event, as transitions see it.
+/// An event in the form that transitions are compared with.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) enum Cue {
     Always,
@@ -34,7 +34,7 @@ pub(super) enum Cue {
 }
 
 impl Cue {
-    /// The state whose run or timer this is about, or that has completed.
+    /// The state whose run or timer the event concerns, or the state that has completed.
     pub(super) fn state(&self, automaton: &Automaton) -> Option<usize> {
         match self {
             Self::Always | Self::Message { .. } | Self::Signal(_) | Self::Notice(_) => None,
@@ -43,7 +43,7 @@ impl Cue {
         }
     }
 
-    /// Replaces the value that it carries.
+    /// Replaces the value of the event.
     pub(super) fn change_value(&mut self, change: &dyn Fn(&Value) -> Value) {
         match self {
             Self::Message { value, .. } | Self::Done { value, .. } => *value = change(value),
@@ -56,7 +56,7 @@ impl Cue {
         }
     }
 
-    /// The value that the actions of these transitions see.
+    /// Returns the value that the actions of these transitions see.
     pub(super) fn value(self, automaton: &Automaton, chosen: &[usize]) -> Value {
         match self {
             Self::Message { value, .. } => value,
@@ -75,7 +75,7 @@ impl Cue {
 }
 
 impl Configuration {
-    /// Returns whether a transition takes a message or a notice now. No transition takes any other event here.
+    /// Returns whether a transition would take this message or notice now. For all other events, the result is `false`.
     pub fn takes(&self, automaton: &Automaton, event: Event) -> bool {
         let cue = match event {
             Event::Message { port, filters, value, .. } => Cue::Message { port, filters, value },
@@ -88,7 +88,7 @@ impl Configuration {
     }
 }
 
-/// Returns the transitions that a cue takes, in the order in which they are found.
+/// Returns the transitions that an event takes, in the order in which they are found.
 pub(super) fn select(automaton: &Automaton, configuration: &Configuration, cue: &Cue) -> Vec<usize> {
     let first = |state: usize, only_own: bool| {
         let levels = if only_own { 1 } else { usize::MAX };
@@ -116,7 +116,7 @@ pub(super) fn select(automaton: &Automaton, configuration: &Configuration, cue: 
     }
 }
 
-/// Whether the trigger of a transition fits, and its guard holds.
+/// Returns whether the trigger of a transition fits, and its guard holds.
 fn is_enabled(automaton: &Automaton, configuration: &Configuration, number: usize, cue: &Cue) -> bool {
     let transition = automaton.transition(number);
     let fits = match (&transition.trigger, cue) {
@@ -150,7 +150,7 @@ fn is_enabled(automaton: &Automaton, configuration: &Configuration, number: usiz
     fits && transition.guard.as_ref().is_none_or(|guard| guard.value(configuration) != 0)
 }
 
-/// Rules 32 to 34.
+/// Drops transitions that conflict with others, by rules 32 to 34.
 fn without_conflicts(automaton: &Automaton, configuration: &Configuration, found: Vec<usize>) -> Vec<usize> {
     if found.len() < 2 {
         return found;
@@ -172,7 +172,7 @@ fn without_conflicts(automaton: &Automaton, configuration: &Configuration, found
     kept.into_iter().map(|(number, _)| number).collect()
 }
 
-/// Rule 21: the active states that a transition leaves.
+/// Returns the active states that a transition leaves, by rule 21.
 pub(super) fn exit_set(
     automaton: &Automaton,
     configuration: &Configuration,
@@ -194,7 +194,7 @@ mod tests {
     use super::super::{Action, Chart, ChartState, Fragment, step};
     use super::*;
 
-    /// A transition that stays and only writes a line takes its event, although nothing changes.
+    /// A transition that leaves no state and only writes a line takes its event, although nothing changes.
     #[test]
     fn a_transition_that_only_logs_takes_its_event() {
         let stay = |source, trigger, actions| Transition { actions, ..Transition::new(source, trigger, Target::Stay) };

@@ -12,20 +12,20 @@ use crate::algebra::{Activation, Activity, Cause, Outcome, Reason, Value};
 use std::collections::{BTreeSet, VecDeque};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// The most steps between configurations in one reaction.
+/// The largest number of steps between configurations in one reaction.
 const STEPS_MAX: usize = 256;
-/// The most signals and completions that wait.
+/// The largest number of signals and completions that may wait.
 const RAISED_MAX: usize = 256;
-/// The most states that the reason of a livelock names.
+/// The largest number of states that the reason of a livelock names.
 const NAMES_MAX: usize = 8;
 /// The priority of ends, timers and notices: above all messages.
 const OWN: u16 = 256;
 
-/// Takes one event, appends what to do about it to `commands` in order, and returns how the activity ended if it did.
+/// Takes one event and appends the resulting commands to `commands` in order. Returns the outcome if the activity ends.
 ///
-/// `configuration` must have been made for `automaton`. After an outcome the activity can be started again, and the
-/// numbers of activations go on. Dropped: an event with an old number, `Start` of an activity that runs, any other event
-/// of an idle one. `Stop` of an idle activity gives `Stopped` at once.
+/// `configuration` must have been made for `automaton`. After an outcome, the activity can be started again, and the
+/// numbers of activations continue. An event with an old number is dropped. A running activity drops `Start`. An idle
+/// activity drops all events but `Start` and `Stop`, and answers `Stop` with `Stopped` at once.
 ///
 /// # Panics
 /// If `configuration` was made for another automaton.
@@ -55,7 +55,7 @@ pub fn step(
             reaction.message(port, priority, Cue::Message { port, filters, value })
         }
         Event::Notice(notice) => {
-            // A notice that already waits says everything: the second one would only take room.
+            // A notice that already waits says everything: a second one would only need more memory.
             let waits = |cue: &Cue| *cue == Cue::Notice(notice);
             if reaction.configuration.queue.iter().any(|queued| waits(&queued.cue)) {
                 return None;
@@ -72,10 +72,10 @@ struct Reaction<'a> {
     commands: &'a mut Vec<Command>,
 }
 
-/// The part of a configuration that decides the rest of a reaction: rule 44.
+/// The part of a configuration that decides the rest of a reaction (rule 44).
 #[derive(PartialEq)]
 struct Snapshot {
-    /// Differs for most snapshots that differ, so that comparisons are quick.
+    /// A hash of the other fields. It differs for most different snapshots, so comparisons are quick.
     digest: u64,
     active: Vec<bool>,
     variables: Vec<i32>,
@@ -92,7 +92,7 @@ impl Reaction<'_> {
         self.go_on()
     }
 
-    /// Rules 46 to 49: the run of a state has ended.
+    /// Takes the end of a run, by rules 46 to 49.
     fn ended(&mut self, state: usize, activation: Activation, outcome: Outcome) -> Option<Outcome> {
         let run = self.configuration.runs.get_mut(state).filter(|run| run.activation == activation)?;
         match std::mem::replace(&mut run.activity, Activity::Idle) {
@@ -109,7 +109,8 @@ impl Reaction<'_> {
         }
     }
 
-    /// The runs of the activity end at once, again and again: the reason names where it is.
+    /// The runs of the activity end at once, again and again, so the activity is aborted. The reason names the active
+    /// states.
     fn overrun(&mut self) -> Option<Outcome> {
         let leaves: Vec<usize> = self.configuration.leaves(self.automaton).take(NAMES_MAX).collect();
         let names: Vec<String> =
@@ -119,7 +120,7 @@ impl Reaction<'_> {
         self.end(Outcome::Aborted(failed(&why)))
     }
 
-    /// Rule 51.
+    /// Takes a message, by rule 51.
     fn message(&mut self, port: usize, priority: u8, cue: Cue) -> Option<Outcome> {
         let limit = *self.automaton.chart().ports.get(port)?;
         let outcome = self.receive(u16::from(priority), cue);
@@ -133,13 +134,13 @@ impl Reaction<'_> {
         outcome
     }
 
-    /// Rule 50.
+    /// Queues an event, by rule 50, and reacts to it unless a transition waits.
     fn receive(&mut self, priority: u16, cue: Cue) -> Option<Outcome> {
         self.configuration.enqueue(priority, cue);
         if self.configuration.pending.is_some() { None } else { self.go_on() }
     }
 
-    /// Rules 71 and 72: a timer has run out.
+    /// Takes the end of a timer, by rules 71 and 72.
     fn elapsed(&mut self, transition: usize, activation: Activation) -> Option<Outcome> {
         let timer = self.configuration.timers.get_mut(transition)?;
         if !timer.is_armed || timer.activation != activation {
@@ -154,7 +155,7 @@ impl Reaction<'_> {
         if waits { None } else { self.receive(OWN, tick) }
     }
 
-    /// Every run that had to end has ended.
+    /// Continues after every run that had to end has ended.
     fn resume(&mut self) -> Option<Outcome> {
         let pending = self.configuration.pending.take()?;
         if let Some(reason) = pending.unconfirmed {
@@ -168,7 +169,7 @@ impl Reaction<'_> {
         self.perform(&pending.chosen, &pending.value).or_else(|| self.go_on())
     }
 
-    /// Rule 36: reacts to the events in the queue until the queue is empty or a transition has to wait.
+    /// Reacts to the events in the queue until the queue is empty or a transition has to wait (rule 36).
     fn go_on(&mut self) -> Option<Outcome> {
         loop {
             if let Some(outcome) = self.turn() {
@@ -191,7 +192,7 @@ impl Reaction<'_> {
         }
     }
 
-    /// Rule 37: `always`, signals and completions, until there are none.
+    /// Takes `always` transitions, signals and completions until there are none (rule 37).
     fn turn(&mut self) -> Option<Outcome> {
         let mut trail: Vec<(Snapshot, Option<usize>)> = Vec::new();
         loop {
@@ -230,7 +231,7 @@ impl Reaction<'_> {
     fn take(&mut self, cue: Cue) -> Option<Outcome> {
         let chosen = select(self.automaton, self.configuration, &cue);
         match cue {
-            // Rule 27.
+            // Without a transition for the abort, the activity ends (rule 27).
             Cue::Aborted { reason, .. } if chosen.is_empty() => self.end(Outcome::Aborted(reason)),
             Cue::Always
             | Cue::Message { .. }
@@ -246,7 +247,7 @@ impl Reaction<'_> {
         }
     }
 
-    /// Rule 38: from one configuration to the next, at once or after the runs that are left have ended.
+    /// Steps from one configuration to the next (rule 38): at once, or after the runs of the left states have ended.
     fn change(&mut self, chosen: Vec<usize>, value: Value) -> Option<Outcome> {
         let exits = self.exits(&chosen);
         if self.stop(&exits) {
@@ -261,7 +262,7 @@ impl Reaction<'_> {
         transitions.flat_map(|transition| exit_set(self.automaton, self.configuration, transition)).collect()
     }
 
-    /// Rule 47: stops the runs of these states. Returns whether any run has to end first.
+    /// Stops the runs of these states (rule 47). Returns whether any run has to end first.
     fn stop(&mut self, exits: &BTreeSet<usize>) -> bool {
         for &state in exits.iter().rev() {
             let run = &mut self.configuration.runs[state];
@@ -273,7 +274,7 @@ impl Reaction<'_> {
         self.configuration.awaits_runs()
     }
 
-    /// Exits, actions, entries.
+    /// Carries out exits, actions and entries of the chosen transitions.
     fn perform(&mut self, chosen: &[usize], value: &Value) -> Option<Outcome> {
         let exits = self.exits(chosen);
         let leaves: Vec<usize> = self.configuration.leaves(self.automaton).collect();
@@ -286,7 +287,7 @@ impl Reaction<'_> {
         };
         let domain =
             |transition: &&Transition| self.automaton.domain(transition, &targets(self.configuration, transition));
-        // Rule 60: the domain is fixed by the choice, before the exit changes memories.
+        // The choice fixes the domain, before the exit changes memories (rule 60).
         let domains: Vec<usize> = moving.iter().map(domain).collect();
         remember(self.automaton, self.configuration, &exits);
         let mut entered = BTreeSet::new();
@@ -309,7 +310,7 @@ impl Reaction<'_> {
         None
     }
 
-    /// How a transition ends the activity, if it does.
+    /// Returns the outcome of a transition that ends the activity.
     fn ending(&self, target: &Target, event: &Value) -> Option<Outcome> {
         match target {
             Target::Done(source) => Some(Outcome::Done(value_of(self.configuration, source, event))),
@@ -318,7 +319,7 @@ impl Reaction<'_> {
         }
     }
 
-    /// Rules 39 and 52.
+    /// Leaves these states, by rules 39 and 52.
     fn leave(&mut self, exits: &BTreeSet<usize>) {
         for &state in exits.iter().rev() {
             for &transition in self.automaton.transitions_of(state) {
@@ -338,7 +339,7 @@ impl Reaction<'_> {
         }
     }
 
-    /// Rules 29 and 41.
+    /// Enters these states, by rules 29 and 41.
     fn enter(&mut self, entered: &BTreeSet<usize>, value: &Value) {
         for &state in entered {
             self.configuration.active[state] = true;
@@ -350,7 +351,7 @@ impl Reaction<'_> {
         }
     }
 
-    /// Rule 43: what was entered begins.
+    /// Begins the runs and timers of the entered states (rule 43).
     fn settle(&mut self) {
         for state in 0..self.configuration.fresh.len() {
             if !std::mem::take(&mut self.configuration.fresh[state]) {
@@ -381,7 +382,7 @@ impl Reaction<'_> {
         self.commands.push(Command::Arm { transition, activation: timer.activation, after });
     }
 
-    /// Rule 55: everything stops, and then the activity ends like this.
+    /// Stops everything, and then ends the activity with this outcome (rule 55).
     fn end(&mut self, outcome: Outcome) -> Option<Outcome> {
         let all = (0..self.configuration.active.len()).filter(|&state| self.configuration.active[state]).collect();
         let unconfirmed = self.configuration.pending.take().and_then(|pending| pending.unconfirmed);
@@ -393,7 +394,7 @@ impl Reaction<'_> {
         Some(self.finish(unconfirmed.map_or(outcome, Outcome::Aborted)))
     }
 
-    /// Rules 55 and 58: all active states are left, and nothing waits any more.
+    /// Leaves all active states and clears the queues, by rules 55 and 58. Returns the outcome.
     fn finish(&mut self, outcome: Outcome) -> Outcome {
         let all = (0..self.configuration.active.len()).filter(|&state| self.configuration.active[state]).collect();
         self.leave(&all);
@@ -419,7 +420,7 @@ impl Reaction<'_> {
         }
     }
 
-    /// The reason of an activity that turns for ever, with the states of the cycle.
+    /// Returns the reason for an activity that would never end its reaction, with the states of the cycle.
     fn livelock(&self, trail: &[(Snapshot, Option<usize>)], first: Option<usize>) -> Reason {
         let Some(first) = first else {
             return failed(&format!(
@@ -437,7 +438,7 @@ impl Reaction<'_> {
     }
 }
 
-/// The event that the end of a run is.
+/// Returns the event for the end of a run.
 fn cue_of(state: usize, outcome: Outcome) -> Cue {
     match outcome {
         Outcome::Done(value) => Cue::Done { state, value },

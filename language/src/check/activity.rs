@@ -1,4 +1,4 @@
-//! Reads activities: states, transitions, variables and ports become a chart.
+//! Reads activities. Their states, transitions, variables and ports become a chart.
 
 mod action;
 mod domain;
@@ -26,12 +26,12 @@ use crate::syntax::ast::{Name, Node};
 use domain::Domain;
 use std::collections::BTreeMap;
 
-/// As many messages wait at a port that does not say how many.
+/// The number of messages that may wait at a port, unless the port declares another number.
 const QUEUE: usize = 16;
-/// The most messages that may wait at a port.
+/// The largest number of messages that may wait at a port.
 const QUEUE_MAX: usize = 10_000;
 
-/// Whether a process is an activity.
+/// Returns whether a process is an activity.
 pub(crate) fn is_activity(node: &Node) -> bool {
     node.kind() == SyntaxKind::Process && node.names().next().is_some_and(|word| word.text == "activity")
 }
@@ -46,7 +46,8 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     reader.states(node);
     let runs = reader.take_runs();
     if reader.group.damage.actions {
-        // The names that it runs are known; what is wrong with its states follows from the damage.
+        // The names in the runs are known. Errors in the states follow from the damaged text, so the states are not
+        // checked.
         let parts: Vec<Expr> = runs.into_iter().map(|(_, run)| run).collect();
         return Some(Expr { span, kind: ExprKind::Sequence(parts) }).filter(|expr| !expr.parts().is_empty());
     }
@@ -84,13 +85,13 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     })
 }
 
-/// Everything that the transitions of an activity wait for by a number.
+/// The events that the transitions of an activity wait for by a number.
 #[derive(Default)]
 struct Heard {
     filters: Vec<Filter>,
-    /// The notices, each with its first place.
+    /// The notices, each with the place where it is used first.
     notices: Vec<(Notice, Span)>,
-    /// The signals, with whether each is raised.
+    /// The signals. The flag says whether an action raises the signal.
     signals: Vec<(Name, bool)>,
     questions: Vec<Question>,
 }
@@ -106,24 +107,24 @@ struct ActivityInterface {
 /// A transition in the text.
 struct TransitionText {
     span: Span,
-    /// Its trigger and its condition.
+    /// The trigger and the condition.
     label: String,
 }
 
-/// An activity while it is read.
+/// Reads one activity.
 struct ActivityReader<'r, 'g> {
     group: &'r mut Group<'g>,
     chart: Chart,
-    /// The states, with their nodes; those of histories too.
+    /// The nodes of the states, also of histories.
     nodes: Vec<Node>,
     names: BTreeMap<String, (usize, Name)>,
     variables: BTreeMap<String, (usize, Domain)>,
-    /// The values of variables with names, with their numbers.
+    /// The values of variables with named values, with their numbers.
     values: BTreeMap<String, i64>,
     interface: ActivityInterface,
     heard: Heard,
     runs: Vec<(usize, Expr)>,
-    /// Each transition in the text.
+    /// The transitions in the text.
     places: Vec<TransitionText>,
     is_sound: bool,
 }
@@ -145,7 +146,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         }
     }
 
-    /// Reports something, after which the chart is not worth a check of its own.
+    /// Reports an error. The chart is then not checked as a whole.
     fn report(&mut self, diagnostic: Diagnostic) {
         self.is_sound = false;
         if !self.group.damage.actions {
@@ -153,13 +154,13 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         }
     }
 
-    /// The expression that a state runs, as the text writes it.
+    /// Returns the text of the expression that a state runs.
     fn run_label(&self, state: usize) -> String {
         let run = self.nodes[state].child(SyntaxKind::StateRun).and_then(|run| run.children().next());
         run.map_or_else(String::new, |run| formula::text(&run))
     }
 
-    /// The number of an opaque variable.
+    /// Returns the number of an opaque variable.
     fn kept(&self, name: &str) -> Option<usize> {
         self.group.variables.get(name).copied().flatten()
     }
@@ -168,7 +169,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         std::mem::take(&mut self.runs)
     }
 
-    /// Everything but the runs.
+    /// Returns everything but the runs.
     fn chart(&mut self) -> StateChart {
         let names = |ports: &[Port]| ports.iter().map(|port| port.name.text.clone()).collect();
         StateChart {
@@ -183,7 +184,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         }
     }
 
-    /// `in speech: Text queue 8;`, `out say: Text;`
+    /// Reads `in speech: Text queue 8;` and `out say: Text;`.
     fn ports(&mut self, node: &Node) {
         let mut known: BTreeMap<String, Span> = BTreeMap::new();
         for port in node.children_of(SyntaxKind::Port).collect::<Vec<_>>() {
@@ -208,7 +209,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         }
     }
 
-    /// `done(held: Pose | gave_up);`
+    /// Reads `done(held: Pose | gave_up);`.
     fn outcomes(&mut self, node: &Node) {
         let mut flags = node.children_of(SyntaxKind::Flag);
         let Some(first) = flags.next() else { return };
@@ -220,7 +221,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         self.interface.outcomes = outcomes;
     }
 
-    /// Reports an activity whose states can complete without one of its outcomes.
+    /// Reports an activity whose states can complete, so that the activity ends without one of its outcomes.
     fn check_outcomes(&mut self, chart: &StateChart, span: Span) {
         if !self.interface.outcomes.is_empty() && chart.completes() {
             let message = "the states of this activity can complete, and then it ends without an outcome";
@@ -229,7 +230,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         }
     }
 
-    /// How many messages may wait at a port.
+    /// Returns how many messages may wait at a port.
     fn queue(&mut self, port: &Node) -> usize {
         let Some(token) = port.token(Number) else { return QUEUE };
         let count = token.text().replace('_', "").parse::<usize>().ok();
@@ -240,7 +241,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         })
     }
 
-    /// `var tries: 0..3 = 0;`, `var place: opaque = ();`
+    /// Reads `var tries: 0..3 = 0;` and `var place: opaque = ();`.
     fn variables(&mut self, node: &Node) {
         let mut known: BTreeMap<String, Span> = BTreeMap::new();
         for node in node.children_of(SyntaxKind::StateVariable).collect::<Vec<_>>() {
@@ -251,7 +252,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             }
             known.insert(name.text.clone(), name.span);
             let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else {
-                // The name is known, so its uses are not mistakes of their own.
+                // The name is known, so uses of the variable are not reported as mistakes.
                 self.group.variables.insert(name.text.clone(), None);
                 let any = Domain::Range(i32::MIN, i32::MAX);
                 let (min, max) = any.range();
@@ -280,7 +281,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         }
     }
 
-    /// A state of the activity, or a report with a similar name.
+    /// Returns a state of the activity. If there is no such state, reports this, with a similar name.
     fn state_named(&mut self, name: &Name) -> Option<usize> {
         if let Some((state, _)) = self.names.get(&name.text) {
             return Some(*state);

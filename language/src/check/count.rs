@@ -1,7 +1,7 @@
-//! Reads whole numbers: sizes of arrays, tries of a `retry`, places of a pool.
+//! Reads whole numbers: sizes of arrays, numbers of attempts of a `retry`, places of a pool.
 //!
-//! Such a number is written, or it is the name of a constant or of a parameter of the group. A parameter has the value of
-//! the argument by the time it is read here, so what is wrong with it is wrong at the argument.
+//! Such a number is a literal, or the name of a constant or of a parameter of the group. When a parameter is read here, it already has the
+//! value of the argument, so a wrong value is reported at the argument.
 
 use super::spec::{Const, Consts, Value, ValueKind};
 use super::value::Reader;
@@ -12,16 +12,16 @@ use crate::syntax::SyntaxKind::{Ident, Number};
 use crate::syntax::ast::{Node, Token};
 use std::ops::RangeInclusive;
 
-/// The kinds of text in the place of a whole number.
+/// The kinds of text in the position of a whole number.
 pub(super) enum CountValue<'a> {
     Number(usize),
-    /// No whole number; the constant or parameter, if it is the name of one.
+    /// The text is not a whole number. If it is the name of a constant or parameter, this is the declaration.
     Other(Option<&'a Const>),
-    /// The name of something that could not be read; reported already.
+    /// The text names a declaration that could not be read, which is already reported.
     Broken,
 }
 
-/// Reads a number, or the name of one.
+/// Reads a number, or the name of a number.
 pub(super) fn whole<'a>(token: &Token, consts: &'a Consts) -> CountValue<'a> {
     let (number, named) = if token.kind() == Number {
         (token.text().parse().ok(), None)
@@ -47,10 +47,10 @@ fn of_const(named: &Const) -> Option<usize> {
     }
 }
 
-/// The range that a whole number has to be in, and the words for it.
+/// The allowed range of a whole number, and the words for the range.
 pub(super) struct Expected {
     pub(super) bounds: RangeInclusive<usize>,
-    /// Behind "expected": `how many times to try again, at most 100`.
+    /// The text after "expected": `how many times to try again, at most 100`.
     pub(super) what: String,
     pub(super) help: Option<&'static str>,
 }
@@ -60,10 +60,10 @@ impl Expected {
         Self { bounds, what: what.into(), help: None }
     }
 
-    /// Reads the number in a node; reports any other.
+    /// Reads the number in a node. Reports a value that is not an allowed number.
     pub(super) fn read(&self, node: &Node, reader: &mut Reader<'_>) -> Option<usize> {
         let consts = reader.scope.consts;
-        // Without a number and without a name the text is damaged.
+        // If the node has neither a number nor a name, the text is damaged.
         let token = node.tokens().find(|token| [Number, Ident].contains(&token.kind()))?;
         let named = match whole(&token, consts) {
             CountValue::Number(number) if self.bounds.contains(&number) => return Some(number),
@@ -78,7 +78,7 @@ impl Expected {
     }
 }
 
-/// Says that a value does not fit: at the argument if a parameter of the group has it, else where it is used.
+/// Makes a diagnostic for a wrong value. Its place is the argument, if the value comes from a parameter of the group, otherwise the use.
 pub(super) fn wrong(used: Span, named: Option<&Const>, message: impl Into<String>) -> Diagnostic {
     let Some(named) = named else { return Diagnostic::new(Code::E0009, used, message) };
     match named.values.first() {

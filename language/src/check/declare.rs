@@ -24,7 +24,7 @@ use crate::syntax::ast::{Name, Node};
 use crate::unit;
 use std::collections::BTreeMap;
 
-/// The declarations of all texts, while they are read one after the other.
+/// Reads the texts one after the other and collects their declarations.
 pub(super) struct ItemCollector<'a> {
     pub(super) spec: &'a mut Spec,
     pub(super) diagnostics: &'a mut Diagnostics,
@@ -34,14 +34,14 @@ pub(super) struct ItemCollector<'a> {
 pub(super) struct Tree {
     pub(super) root: Node,
     pub(super) origin: Origin,
-    /// Whether it is the spec or a file that the spec uses, and no interface.
+    /// Whether the text is the spec or a file that the spec uses. It is `false` for interfaces.
     pub(super) is_part: bool,
-    /// Where the text could not be read, in order.
+    /// The places where the text could not be read, in order.
     pub(super) damage: Vec<Span>,
 }
 
 impl Tree {
-    /// The items, each with where its text could not be read.
+    /// Returns the items. Each has the places where its text could not be read.
     pub(super) fn items(&self) -> impl Iterator<Item = (Node, Vec<Span>)> + '_ {
         self.root.children().map(|item| {
             let damage = within(&self.damage, item.span()).to_vec();
@@ -51,7 +51,7 @@ impl Tree {
 }
 
 impl ItemCollector<'_> {
-    /// Adds the constants of a tree: they are known everywhere, in any order of the text. If the text of a constant is
+    /// Adds the constants of a tree. They are known everywhere, in any order of the text. If the text of a constant is
     /// damaged, only its name is known.
     pub(super) fn constants(&mut self, tree: &Tree) {
         for item in tree.root.children_of(SyntaxKind::ConstItem) {
@@ -73,12 +73,12 @@ impl ItemCollector<'_> {
         }
     }
 
-    /// Adds everything else that a tree declares to the spec.
+    /// Adds all other declarations of a tree to the spec.
     pub(super) fn items(&mut self, tree: &Tree, templates: &Templates) {
         for item in tree.root.children().filter(|item| !tree.is_part || !templates.contains(item)) {
             let damage = within(&tree.damage, item.span());
             if item.kind() == SyntaxKind::TypeItem {
-                // A type that is only partly known is not checked.
+                // The type is not checked if its text is damaged.
                 let named = if damage.is_empty() { self.named_type(&item, tree.is_part) } else { None };
                 if let Some(named) = named {
                     self.add_type(named);
@@ -98,7 +98,8 @@ impl ItemCollector<'_> {
         }
     }
 
-    /// Returns a reader of values, in which a name is that of a constant, or stands for itself.
+    /// Returns a reader of values. In a value, a name stands for a constant of this name if there is one, otherwise for
+    /// itself.
     fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], consts: &self.spec.consts, indices: &[] };
         Reader { scope, diagnostics: self.diagnostics }
@@ -114,7 +115,8 @@ impl ItemCollector<'_> {
         self.spec.processes.push(process);
     }
 
-    /// Interfaces in the spec win over those of programs; of two programs the first wins.
+    /// Interfaces in the spec have precedence over the interfaces of programs. Of two programs with the same module,
+    /// the first is used.
     fn add_module(&mut self, module: super::spec::Module, origin: Origin) {
         let Some(&first) = self.spec.module_names.get(&module.name.text) else {
             self.spec.module_names.insert(module.name.text.clone(), self.spec.modules.len());
@@ -134,13 +136,13 @@ impl ItemCollector<'_> {
         }
     }
 
-    /// `type Name = Type;`
+    /// Reads `type Name = Type;`.
     fn named_type(&mut self, node: &Node, is_own: bool) -> Option<NamedType> {
         let (name, kind) = (node.title()?, kind(node, &mut self.reader())?);
         Some(NamedType { name, doc: node.doc(), kind, is_own })
     }
 
-    /// A spec and the files that it uses have a type of one name once; programs have their own.
+    /// Adds a type. The spec and its files may declare each type name only once. Programs have separate types.
     fn add_type(&mut self, named: NamedType) {
         let Name { text, span } = named.name.clone();
         if unit::is_type(&text) {
@@ -160,14 +162,14 @@ impl ItemCollector<'_> {
     }
 }
 
-/// The places, which are sorted, that start in a span.
+/// Returns the places that start in a span. `places` is sorted.
 fn within(places: &[Span], span: Span) -> &[Span] {
     let from = places.partition_point(|place| place.start < span.start);
     let length = places[from..].partition_point(|place| place.start <= span.end);
     &places[from..from + length]
 }
 
-/// The type of a parameter, field, port or outcome; nothing if there is none.
+/// Reads the type of a parameter, field, port or outcome, if the text has one.
 pub(super) fn kind(node: &Node, reader: &mut Reader<'_>) -> Option<Kind> {
     let node = node.child(Type)?;
     let fields = node.child(RecordType).map(|fields| params(&fields, "field", reader));
@@ -175,7 +177,7 @@ pub(super) fn kind(node: &Node, reader: &mut Reader<'_>) -> Option<Kind> {
     (!kind.text.is_empty()).then_some(kind)
 }
 
-/// Reads a list of parameters, or of fields; `what` they are called.
+/// Reads a list of parameters or fields. `what` is the word for them in messages.
 fn params(node: &Node, what: &str, reader: &mut Reader<'_>) -> Vec<Param> {
     let mut params: Vec<Param> = Vec::new();
     let mut first: BTreeMap<String, Span> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! The diagnostics of one spec, and the limits of the work for them.
+//! The diagnostics of one spec, and the limits on the work for them.
 
 use crate::diagnostic::{Code, Diagnostic, Severity};
 use crate::plan::LEAVES_MAX;
@@ -6,11 +6,11 @@ use crate::similar::{self, Near};
 use crate::source::Span;
 use std::collections::BTreeSet;
 
-/// As many pairs of letters are compared in search of similar names. A suggestion compares one name with all that are known,
-/// so a spec of unknown names would take the square of its length.
+/// The largest number of pairs of letters that are compared in search of similar names. A suggestion compares one name with all known
+/// names. So the work for a spec with only unknown names would grow with the square of its length.
 const EFFORT_MAX: usize = 4_000_000;
 
-/// The most instances of arrays, and connections of sets, that are written out: a short text declares very many.
+/// The largest number of instances of arrays and connections of sets that are expanded, because a short text can declare very many of them.
 const REPLICATED_MAX: usize = 20 * LEAVES_MAX;
 
 /// The diagnostics of one spec, in the order in which the passes find them.
@@ -19,11 +19,11 @@ pub(super) struct Diagnostics {
     found: Vec<Diagnostic>,
     /// How many pairs of letters were compared.
     compared: usize,
-    /// How many instances and connections have been written out.
+    /// How many instances and connections have been expanded.
     replicated: usize,
 }
 
-/// The diagnostics of a text that is read several times, such as an array's: each is kept once.
+/// The diagnostics of a text that is read several times, for example the text of an array. Equal diagnostics are kept once.
 #[derive(Debug)]
 pub(super) struct Rounds {
     /// How many diagnostics there were when the round began.
@@ -36,12 +36,12 @@ impl Diagnostics {
         self.found.push(diagnostic);
     }
 
-    /// How many there are, to find out whether more come.
+    /// Returns how many diagnostics there are. With this number, a caller can later find out whether more have come.
     pub(super) fn count(&self) -> usize {
         self.found.len()
     }
 
-    /// The first finding after the first `count`.
+    /// Returns the first diagnostic after the first `count`.
     pub(super) fn first_since(&mut self, count: usize) -> Option<&mut Diagnostic> {
         self.found.get_mut(count)
     }
@@ -51,32 +51,32 @@ impl Diagnostics {
         Rounds { start: self.found.len(), known: BTreeSet::new() }
     }
 
-    /// Begins a round, when something else was read since the last one.
+    /// Begins a round after other text was read since the previous round.
     pub(super) fn begin_round(&self, rounds: &mut Rounds) {
         rounds.start = self.found.len();
     }
 
-    /// Closes a round, and begins the next one. Findings of earlier rounds are dropped.
+    /// The round ends, and the next one begins. Diagnostics that an earlier round already had are dropped.
     pub(super) fn end_round(&mut self, rounds: &mut Rounds) {
         let new = self.found.split_off(rounds.start);
         self.found.extend(new.into_iter().filter(|found| rounds.known.insert(key(found))));
         rounds.start = self.found.len();
     }
 
-    /// Keeps those of the findings after the first `count` for which `is_kept` holds.
+    /// Of the diagnostics after the first `count`, keeps only those that `is_kept` accepts.
     pub(super) fn retain_since(&mut self, count: usize, is_kept: impl FnMut(&Diagnostic) -> bool) {
         let mut new = self.found.split_off(count);
         new.retain(is_kept);
         self.found.append(&mut new);
     }
 
-    /// Whether this many names may be compared in search of a similar one.
+    /// Counts this many comparisons of names. Returns whether they are still within the limit.
     pub(super) fn may_compare(&mut self, names: usize) -> bool {
         self.compared = self.compared.saturating_add(names);
         self.compared <= EFFORT_MAX
     }
 
-    /// Returns the candidates that look most like a name, unless too many have been compared.
+    /// Returns the candidates that look most like a name, unless the limit of comparisons is reached.
     pub(super) fn near<'a>(&mut self, name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<Near<'a>> {
         let compared = &mut self.compared;
         let is_affordable = |candidate: &&str| {
@@ -86,7 +86,8 @@ impl Diagnostics {
         similar::near(name, candidates.into_iter().take_while(is_affordable))
     }
 
-    /// Whether so many instances of an array, or connections of a set, may be written out; reports the first that are too many.
+    /// Counts this many instances of an array, or connections of a set. Returns whether they may be expanded. Reports the first that exceed
+    /// the limit.
     pub(super) fn may_replicate(&mut self, count: usize, span: Span) -> bool {
         let was_within = self.replicated <= REPLICATED_MAX;
         self.replicated = self.replicated.saturating_add(count);
@@ -98,7 +99,7 @@ impl Diagnostics {
         is_within
     }
 
-    /// Makes errors of the findings with such a code.
+    /// Turns the diagnostics with denied codes into errors.
     pub(super) fn deny(&mut self, is_denied: fn(Code) -> bool) {
         let denied = self.found.iter_mut().filter(|found| is_denied(found.code));
         denied.for_each(|found| found.severity = Severity::Error);

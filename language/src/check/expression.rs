@@ -20,39 +20,40 @@ use crate::syntax::ast::{Name, Node, Token};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
-/// The most tries of a `retry`: each is a copy of its operand.
+/// The largest number of attempts of a `retry`. Each attempt is a copy of its operand.
 const RETRY_MAX: usize = 100;
-/// The most suffixes of one operand, and the most `;;` in one chain.
+/// The largest number of suffixes of one operand, and of `;;` and `::` in one chain.
 const REPEAT_MAX: usize = 8;
 
-/// Makes an operator of its operands.
+/// Makes an operator from its operands.
 type Make = fn(Vec<Expr>) -> ExprKind;
 
-/// The names that an expression may refer to, and the uses that were found on the way.
+/// The names that an expression may refer to, and their uses in the expressions read so far.
 pub(super) struct Group<'a> {
     pub(super) names: Names<'a>,
     /// The parameters of the group, and the named constants.
     pub(super) scope: Scope<'a>,
-    /// The variables of an activity; the opaque ones with their numbers.
+    /// The variables of an activity. Opaque variables have their numbers.
     pub(super) variables: BTreeMap<String, Option<usize>>,
-    /// The index variables around, with their values.
+    /// The index variables of the enclosing replications, with their values.
     pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
     pub(super) owned: BTreeMap<usize, Rc<OwnedSets<'a>>>,
     pub(super) resources: Resources<'a>,
-    /// The place in the innermost pool around: the default index of names there.
+    /// The current place in the innermost enclosing pool. It is the default index of names there.
     pub(super) pool: Option<usize>,
     pub(super) damage: Damage,
-    /// The slots that are run, in the order of the text.
+    /// The slots of the instances that are run, in the order of the text.
     pub(super) run: Vec<usize>,
-    /// How many operators and operands have been written out.
+    /// How many operators and operands have been expanded.
     pub(super) size: u64,
     /// Labels of processes that own no set.
     pub(super) useless: Vec<(Name, Name)>,
 }
 
 impl Group<'_> {
-    /// Whether one more operator or operand may be written out: replications of replications grow fast.
+    /// Returns whether one more operator or operand may be expanded, because nested replications grow fast. Reports the
+    /// first that exceeds the limit.
     fn may_grow(&mut self, span: Span) -> bool {
         self.size += 1;
         if self.size == EXPRESSION_MAX {
@@ -63,7 +64,7 @@ impl Group<'_> {
         !self.is_full()
     }
 
-    /// Whether nothing more is written out.
+    /// Returns whether the limit for expanding is reached.
     fn is_full(&self) -> bool {
         self.size >= EXPRESSION_MAX
     }
@@ -72,25 +73,26 @@ impl Group<'_> {
         self.names.diagnostics
     }
 
-    /// Reads times and counts, which a parameter of the group has decided by now, or a named constant.
+    /// Returns a reader of times and counts. Names in them are constants, or parameters of the group that already have
+    /// values.
     pub(super) fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], indices: &[], ..self.scope };
         Reader { scope, diagnostics: self.names.diagnostics }
     }
 
-    /// Reads values, which may be parameters of the group.
+    /// Returns a reader of values, in which names may be parameters of the group.
     fn value_reader(&mut self) -> Reader<'_> {
         let scope = Scope { indices: &self.indices, ..self.scope };
         Reader { scope, diagnostics: self.names.diagnostics }
     }
 }
 
-/// The resources that `using` may take, and those that it does.
+/// The resources that `using` may take, and the resources that it takes.
 pub(super) struct Resources<'a> {
     pub(super) all: &'a [Name],
-    /// Where each of them is among them.
+    /// The index of each resource in `all`.
     pub(super) places: BTreeMap<&'a str, usize>,
-    /// The names that are not declared, and were reported.
+    /// The names that are not declared, and are already reported.
     pub(super) unknown: BTreeSet<String>,
     /// The resources that are used.
     pub(super) taken: BTreeSet<usize>,
@@ -105,15 +107,15 @@ impl<'a> Resources<'a> {
 /// The connection sets that one instance owns.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OwnedSets<'a> {
-    /// Uses without a label.
+    /// The sets without a label.
     bare: Vec<usize>,
     labelled: BTreeMap<&'a str, usize>,
-    /// The first of them in the text, as many as a reader is shown.
+    /// The first labelled sets in the text, at most as many as a diagnostic shows.
     first: Vec<usize>,
 }
 
 impl<'a> OwnedSets<'a> {
-    /// Returns the sets of each instance that owns one, by its slot.
+    /// Returns the sets of all instances that own any, by slot of the instance.
     pub(super) fn of_all(sets: &'a [Set]) -> BTreeMap<usize, Rc<Self>> {
         let mut all: BTreeMap<usize, Self> = BTreeMap::new();
         for (index, set) in sets.iter().enumerate() {
@@ -133,7 +135,7 @@ impl<'a> OwnedSets<'a> {
     }
 }
 
-/// Reads the event actions of a group; returns nothing for an empty section.
+/// Reads the event actions of a group. Returns nothing for an empty section.
 pub(super) fn actions(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     let parts: Vec<Expr> = node.children().map(|part| expression(&part, group)).collect();
     if let Some(diagnostic) = useless_labels(group) {
@@ -145,11 +147,11 @@ pub(super) fn actions(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     if rest.is_empty() {
         return Some(first);
     }
-    // More than one expression means that an operator is missing, which is reported already.
+    // If there is more than one expression, an operator is missing, which is already reported.
     Some(Expr { span: node.span(), kind: ExprKind::Sequence(std::iter::once(first).chain(rest).collect()) })
 }
 
-/// Reads one event action. A part without an operator is damaged, which is reported already.
+/// Reads one event action. A part without an operator is damaged, which is already reported.
 pub(super) fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let broken = Expr { span, kind: ExprKind::Broken };
@@ -190,27 +192,27 @@ fn parenthesised(node: &Node, group: &mut Group<'_>) -> Expr {
     }
 }
 
-/// `operand op operand op ...`
+/// Reads `operand op operand op ...`.
 fn joined(node: &Node, group: &mut Group<'_>, make: Make) -> Expr {
     let span = node.span();
     report_side_by_side(node, group);
     let mut parts = parts(node, group);
     match parts.len() {
         0 => Expr { span, kind: ExprKind::Broken },
-        // An accepted `,` or `;` at the end.
+        // There may be an extra `,` or `;` at the end.
         1 => parts.remove(0),
         _ => Expr { span, kind: make(parts) },
     }
 }
 
 fn report_side_by_side(node: &Node, group: &mut Group<'_>) {
-    // In damaged text it is unknown which parts belong together.
+    // In damaged text, it is unknown which parts belong together.
     if !group.damage.actions {
         group.diagnostics().extend(side_by_side(node));
     }
 }
 
-/// `a finally b finally c` is `(a finally b) finally c`.
+/// Joins parts from the left: `a finally b finally c` is `(a finally b) finally c`.
 fn finally(parts: Vec<Expr>) -> ExprKind {
     let join = |first: Expr, second: Expr| {
         let span = Span { end: second.span.end, ..first.span };
@@ -219,7 +221,8 @@ fn finally(parts: Vec<Expr>) -> ExprKind {
     parts.into_iter().reduce(join).map_or(ExprKind::Broken, |all| all.kind)
 }
 
-/// `a ; b # c`, `a # b , c`, `a # b else c` and `a ; b finally c`: right by the precedence, but read wrongly by many.
+/// Reports `a ; b # c`, `a # b , c`, `a # b else c` and `a ; b finally c`. The precedence defines them, but many people
+/// read them wrongly.
 fn side_by_side(node: &Node) -> Option<Diagnostic> {
     let looser = [
         (SyntaxKind::Disable, SyntaxKind::Sequence),
@@ -247,7 +250,8 @@ fn parts(node: &Node, group: &mut Group<'_>) -> Vec<Expr> {
     operands.map(|part| expression(&part, group)).collect()
 }
 
-/// `a : b ;; c : d` is `a : (b ;; (c : d))`; the same for `::`, whose second operand is repeated for each place.
+/// Reads `a : b ;; c : d` as `a : (b ;; (c : d))`. `::` is read in the same way, and its second operand is repeated for
+/// each place of the pool.
 fn chain(node: &Node, group: &mut Group<'_>) -> Expr {
     let operators = node.tokens().map(|token| token.kind());
     let operators: Vec<SyntaxKind> = operators.filter(|kind| [Colon, Recur, DoubleColon].contains(kind)).collect();
@@ -268,7 +272,7 @@ fn chain(node: &Node, group: &mut Group<'_>) -> Expr {
     rest_of_chain(&parts, &operators, &counts, group)
 }
 
-/// Reads a chain of operators from one operand on; `counts` are the counts of the `::` operators that are left.
+/// Reads the rest of a chain of operators. `counts` are the counts of the remaining `::` operators.
 fn rest_of_chain(parts: &[Node], operators: &[SyntaxKind], counts: &[Node], group: &mut Group<'_>) -> Expr {
     let joined = operators.iter().take_while(|&&operator| operator == Colon).count();
     let operands: Vec<Expr> = parts[..=joined].iter().map(|part| expression(part, group)).collect();
@@ -296,7 +300,7 @@ fn join(mut operands: Vec<Expr>, span: Span) -> Expr {
     if operands.len() == 1 { operands.remove(0) } else { Expr { span, kind: ExprKind::Conditional(operands) } }
 }
 
-/// `p? within 5 s as late`, from the inside to the outside.
+/// Reads `p? within 5 s as late`, from the inside to the outside.
 fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let mut limits = node.children_of(Constant);
@@ -344,7 +348,7 @@ fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
     inner
 }
 
-/// `with shelf`, `with { x = 2 m }`
+/// Reads `with shelf` or `with { x = 2 m }`.
 fn start_value(node: &Node, group: &mut Group<'_>) -> Option<StartValue> {
     let constant = node.child(Constant)?;
     let name = constant.names().next().filter(|_| constant.children().next().is_none());
@@ -375,7 +379,7 @@ fn any_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let parens = node.child(SyntaxKind::Paren)?;
     let candidates = parens.child(SyntaxKind::Concurrent);
     let mut candidates = parts(candidates.as_ref().unwrap_or(&parens), group);
-    // `any 2 of (all i in 0..3 (a[i]))`: the copies are the candidates.
+    // In `any 2 of (all i in 0..3 (a[i]))`, the copies are the candidates.
     let is_all =
         parens.child(SyntaxKind::AllOf).is_some_and(|all| all.names().next().is_some_and(|it| it.text == "all"));
     if let [Expr { kind: ExprKind::Concurrent(copies), .. }] = candidates.as_mut_slice()
@@ -393,7 +397,7 @@ fn small(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// `name[label]`; `skip` and `never` are words unless an instance is called so.
+/// Reads `name[label]`. `skip` and `never` are words of the language, unless an instance has this name.
 fn run(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let Some(name) = node.names().next() else { return Expr { span, kind: ExprKind::Broken } };
@@ -414,7 +418,8 @@ fn run(node: &Node, group: &mut Group<'_>) -> Expr {
     Expr { span, kind: ExprKind::Run(slot, sets) }
 }
 
-/// The sets that are open while the process runs: the named ones, and the owner's set without a label.
+/// Returns the sets that are open while the process runs: the sets with these labels, and the owner's sets without a
+/// label.
 fn activated(name: &Name, slot: usize, labels: &[Name], group: &mut Group<'_>) -> Vec<usize> {
     let sets = group.sets;
     let Some(owned) = group.owned.get(&slot).cloned() else {
@@ -462,7 +467,7 @@ fn report_unknown_label(name: &Name, label: &Name, owned: &OwnedSets<'_>, group:
     group.diagnostics().push(diagnostic);
 }
 
-/// One report for all labels of the group that activate nothing.
+/// Makes one diagnostic for all labels of the group that open no set.
 pub(super) fn useless_labels(group: &Group<'_>) -> Option<Diagnostic> {
     if group.damage.connections || group.damage.actions {
         return None;

@@ -1,4 +1,4 @@
-//! Checks event actions: members that run at the same time, that end, and that never start.
+//! Checks event actions: members that run at the same time, members that end, and members that never start.
 
 mod dead;
 mod ends;
@@ -16,7 +16,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeMap;
 
-/// Infers services, then checks every event action. Groups nest finitely here.
+/// Infers services, then checks every event action. At this point, no group contains itself.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     service::infer(spec);
     let members = ends::members(spec);
@@ -37,7 +37,8 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     outcome::check(spec, diagnostics);
 }
 
-/// Returns the instances that an expression runs, each with one place; collects those that run twice at once, each with
+/// Returns the instances that an expression runs, each with one place. Collects the instances that run twice at the
+/// same time, each with
 /// two places.
 fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTreeMap<usize, Span> {
     if let ExprKind::Run(slot, _) = &expr.kind {
@@ -54,7 +55,7 @@ fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTr
             if let Some((_, first)) = clash {
                 clashes.entry(slot).or_insert((*first, span));
             }
-            // Only of an activity some parts run together and others do not.
+            // Only in an activity do some parts run together and other parts not.
             if known.is_empty() || is_activity {
                 known.push((index, span));
             }
@@ -70,7 +71,7 @@ fn runs_twice(process: &Process, slot: usize, first: Span, second: Span) -> Diag
     diagnostic.reason(name.span, "this is one instance").help("declare a second instance, or run it once")
 }
 
-/// The group that an expression runs, if it is nothing else; `using` around it for its resources is skipped.
+/// Returns the group that an expression runs, if the expression does nothing else. A `using` around it is skipped.
 fn group_of<'a>(spec: &'a Spec, process: &Process, expr: &Expr) -> Option<&'a Process> {
     let inner = if let ExprKind::Using(_, inner) = &expr.kind { inner } else { expr };
     let ExprKind::Run(slot, _) = &inner.kind else { return None };

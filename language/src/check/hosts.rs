@@ -1,11 +1,11 @@
-//! Reports the instances of modules that want a host and are given none.
+//! Reports instances without a host, if their modules declare that they need one.
 
 use super::diagnostics::Diagnostics;
 use super::spec::{Instance, Spec, Target};
 use super::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 
-/// Where a spec names no host at all everything runs on one, and nothing is reported.
+/// Checks the instances. If the whole spec names no host, everything runs on one host, and nothing is reported.
 pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     let instances = || spec.processes.iter().flat_map(|process| &process.instances);
     if !spec.processes.iter().any(|process| process.host.is_some()) && !instances().any(is_placed) {
@@ -26,7 +26,7 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// Whether an instance of a module names its host.
+/// Returns whether an instance of a module names its host.
 fn is_placed(instance: &Instance) -> bool {
     let is_host = |name: &str| name == "host";
     let is_named = instance.args.iter().filter_map(|arg| arg.name.as_ref()).any(|name| is_host(&name.text));

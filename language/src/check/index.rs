@@ -1,5 +1,5 @@
-//! Replication: `robot[4]`, `robot[i]`, `hosts[i]`. Instances of an array are instances of their own, called `robot_0` and so
-//! on; an indexed name is written out before anything else looks at it.
+//! Replication: `robot[4]`, `robot[i]`, `hosts[i]`. The elements of an array are separate instances with the names `robot_0`, `robot_1` and
+//! so on. An indexed name is replaced by such a name before other checks.
 
 use super::diagnostics::Diagnostics;
 use super::names::Names;
@@ -8,20 +8,20 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{Index, Number};
 use crate::syntax::ast::{Name, Node};
 
-/// The most instances of one array.
+/// The largest number of instances of one array.
 pub(super) const COUNT_MAX: usize = 1000;
 
-/// The name of one instance of an array.
+/// Returns the name of one instance of an array.
 pub(super) fn element(array: &str, index: usize) -> String {
     format!("{array}_{index}")
 }
 
-/// An index as a number of the language.
+/// Returns an index as a number of the language.
 pub(super) fn number(index: usize) -> f64 {
     u32::try_from(index).map_or(f64::MAX, f64::from)
 }
 
-/// The value of `[2]` or `[i]`; a variable that is not bound is reported.
+/// Returns the value of `[2]` or `[i]`. A variable without a value is reported.
 pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Diagnostics) -> Option<usize> {
     if let Some(number) = index.token(Number) {
         let value = number.text().parse().ok();
@@ -40,7 +40,7 @@ pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Diagno
     bound.map(|&(_, value)| value)
 }
 
-/// The first name of a node with its index written out.
+/// Returns the first name of a node, with its index expanded.
 pub(super) fn name(node: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<Name> {
     let name = node.names().next()?;
     match node.child(Index) {
@@ -59,7 +59,7 @@ pub(super) fn without_index(name: &Name, count: usize) -> Diagnostic {
     diagnostic.help(format!("write `{0}[0]` for one, `all i in 0..{count} ({0}[i])` for all", name.text))
 }
 
-/// Reports a name that is similar to that of an array; returns whether it is.
+/// Reports a name that is similar to the name of an array. Returns whether there is such an array.
 pub(super) fn is_misspelt(name: &Name, names: &mut Names<'_>) -> bool {
     let arrays = names.arrays.keys().map(String::as_str);
     let Some(near) = names.diagnostics.near(&name.text, arrays) else { return false };
@@ -69,7 +69,7 @@ pub(super) fn is_misspelt(name: &Name, names: &mut Names<'_>) -> bool {
     true
 }
 
-/// `robot[2]` as `robot_2`.
+/// Returns `robot_2` for `robot[2]`.
 pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<Name> {
     let Some(&count) = names.arrays.get(&name.text) else {
         let is_exact = names.find(&name.text).is_some();
@@ -81,7 +81,7 @@ pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bind
             names.diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
             return None;
         }
-        // An unknown name is reported as such.
+        // Later checks report the unknown name.
         return Some(name.clone());
     };
     let value = known(index, bindings, names.diagnostics)?;
@@ -93,7 +93,7 @@ pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bind
     Some(Name { text: element(&name.text, value), span: name.span })
 }
 
-/// The index variables of a node's own parts that are not bound yet, each with how many values it takes.
+/// Returns the first unbound index variable in the parts of a node, with the number of its values.
 pub(super) fn unbound(parts: &[Node], names: &Names<'_>, bindings: &[Binding]) -> Option<(String, usize)> {
     parts.iter().find_map(|part| {
         let variable = part.child(Index)?.names().next()?;

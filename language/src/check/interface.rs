@@ -13,8 +13,8 @@ use crate::unit;
 use ros::logic::library;
 use std::collections::BTreeMap;
 
-/// Returns the parameters of each module that the texts declare, in the form for its program. A module is left out if
-/// this is impossible, for example with a list of any length.
+/// Returns the parameters of each module that the texts declare, in the form for its program. A module has none if this
+/// form is impossible, for example because of a list of any length.
 pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<Parameter>>> {
     let spec = read(interfaces);
     let of_module = |params: &[Param]| parameters_of(&spec, params);
@@ -24,14 +24,14 @@ pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<P
         .collect()
 }
 
-/// Returns parameters in the form for a program; none if this is impossible.
+/// Returns parameters in the form for a program. Returns none if this form is impossible.
 pub(super) fn parameters_of(spec: &Spec, params: &[Param]) -> Option<Vec<Parameter>> {
     let mut all = Vec::new();
     params.iter().try_for_each(|param| add(spec, param, param.name.text.clone(), &mut all))?;
     Some(all)
 }
 
-/// Returns the message of each output of each module, as far as the texts declare it.
+/// Returns the message of each output of each module, if the texts declare it.
 pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, Message>> {
     let spec = read(interfaces);
     let modules = spec.modules.iter().map(|module| {
@@ -43,7 +43,7 @@ pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Strin
     modules.collect()
 }
 
-/// Returns the written type of each port of each module: by module, then by port.
+/// Returns the type of each port of each module as the texts write it: by module, then by port.
 pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
     let of_module = |module: Module| {
         let typed = |port: Port| Some((port.name.text, port.kind?.text));
@@ -52,13 +52,13 @@ pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Str
     read(interfaces).modules.into_iter().map(of_module).collect()
 }
 
-/// The procedures and states of each module, with their signatures.
+/// Returns the procedures and states of each module, with their signatures.
 pub(crate) fn exports(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
     let of_module = |module: Module| (module.name.text, module.ports.into_iter().filter_map(signature).collect());
     read(interfaces).modules.into_iter().map(of_module).collect()
 }
 
-/// Returns the record types that the texts declare, in their order, each name once.
+/// Returns the record types that the texts declare, in their order. Each name occurs once.
 pub(crate) fn record_types(sources: &[Source]) -> Vec<RecordType> {
     let spec = read(sources);
     let mut types: Vec<RecordType> = Vec::new();
@@ -90,7 +90,7 @@ fn field_type(spec: &Spec, kind: &Kind) -> FieldType {
     }
 }
 
-/// Returns the modules that are programs in Python and leave their interfaces to them.
+/// Returns the modules that have Python programs and leave the interface to the program.
 pub(crate) fn asked(sources: &[Source]) -> Vec<AskedModule> {
     let modules = read(sources).modules.into_iter().filter(|module| module.is_asked);
     let asked =
@@ -133,7 +133,7 @@ fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
     }
 }
 
-/// Reads texts that consist of modules and types; their mistakes do not matter here.
+/// Reads texts of modules and types. Their mistakes do not matter here.
 fn read(interfaces: &[Source]) -> Spec {
     let (mut spec, mut diagnostics) = (Spec::default(), Diagnostics::default());
     for (origin, source) in (0..).map(Origin::Interface).zip(interfaces) {
@@ -144,7 +144,7 @@ fn read(interfaces: &[Source]) -> Spec {
         collector.constants(&tree);
         collector.items(&tree, &Templates::default());
     }
-    // Types that contain themselves are taken out.
+    // This removes types that contain themselves.
     types::check(&mut spec, &mut diagnostics);
     spec
 }

@@ -1,4 +1,4 @@
-//! Makes the plan: every group and leaf with its absolute path, every wire from leaf to leaf.
+//! Makes the plan: every group and every leaf with its absolute path, and every wire from leaf to leaf.
 
 mod data;
 pub(crate) mod exclusivity;
@@ -25,10 +25,10 @@ pub(super) use places::places;
 use quote::Quotes;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most operators and operands of one group's event actions, written out.
+/// The largest number of operators and operands in the expanded event actions of one group.
 pub(super) const EXPRESSION_MAX: u64 = 100_000;
 
-/// Makes the plan of a spec without errors; reports the mistakes that only show here.
+/// Makes the plan of a spec without errors. Reports the mistakes that can only be found here.
 pub(super) fn lower(
     spec: &Spec,
     root: usize,
@@ -84,22 +84,23 @@ pub(super) fn lower(
     }
 }
 
-/// Nested `retry` multiplies copies: an expression is measured before it is written out.
+/// Reports event actions that would be too large. Nested `retry` multiplies copies, so an expression is measured before
+/// it is expanded.
 fn too_large(process: &Process) -> Option<Diagnostic> {
     let actions = process.actions.as_ref().filter(|actions| expression::size(actions) > EXPRESSION_MAX)?;
     let message = format!("the event actions of `{}` come to more than {EXPRESSION_MAX} operators", process.name.text);
     Some(Diagnostic::new(Code::E0701, actions.span, message).help("try again fewer times"))
 }
 
-/// Returns an error for an operator that the parser knows and the checker does not. Text that could not be read was
-/// reported before.
+/// Returns an error for an operator that the parser accepts and the checker does not support. Text that could not be
+/// read is already reported.
 fn not_understood(expr: &Expr) -> Option<Diagnostic> {
     let broken = || Diagnostic::new(Code::E0006, expr.span, "this operator is not supported yet");
     let is_broken = matches!(expr.kind, ExprKind::Broken);
     is_broken.then(broken).or_else(|| expr.parts().into_iter().find_map(not_understood))
 }
 
-/// Limits that only the finished plan shows.
+/// Makes the diagnostic for a limit that only the finished plan exceeds.
 fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: PlanError) -> Diagnostic {
     let group = if let PlanError::ExpressionTooDeep { group } = &error {
         plan.groups.iter().position(|other| other.path == *group)
@@ -111,7 +112,7 @@ fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: P
     Diagnostic::new(if group.is_some() { Code::E0004 } else { Code::E0701 }, span, error.to_string())
 }
 
-/// Reports inputs that nothing is ever sent to, and calls that go nowhere, one line of each for each group type.
+/// Reports inputs that never receive anything, and calls that go nowhere. Each group type gets one line of each kind.
 fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let [fed, called] = [|wire: &Wire| wire.to.clone(), |wire: &Wire| wire.from.clone()]
         .map(|end| wires.iter().map(end).map(|end| (end.leaf, end.port)).collect::<BTreeSet<(u32, String)>>());
@@ -127,7 +128,7 @@ fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mu
     }
 }
 
-/// The slots and ports of each group type that are needed and have no wire.
+/// Returns the slots and ports of each group type that need a wire and have none.
 fn unused<'s>(
     spec: &'s Spec,
     tree: &tree::Tree,

@@ -8,9 +8,9 @@ use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Fewer letters in common make no abbreviation.
+/// The least number of common letters that makes an abbreviation.
 const ABBREVIATION_MIN: usize = 4;
-/// As many names are written out in one sentence.
+/// The largest number of names in one sentence.
 const LISTED_MAX: usize = 20;
 
 /// The instances of one group by name, by type, and by name without case.
@@ -21,13 +21,14 @@ pub(super) struct Names<'a> {
     by_type: BTreeMap<&'a str, Vec<usize>>,
     folded: BTreeMap<String, Vec<usize>>,
     lowered: BTreeMap<String, Vec<usize>>,
-    /// Unknown names that were reported: one cause is one report.
+    /// Unknown names that were already reported. Each is reported once.
     reported: BTreeSet<String>,
     /// How many instances each array has.
     pub(super) arrays: BTreeMap<String, usize>,
-    /// Whether the instances could not be read whole, so that an unknown name proves nothing.
+    /// Whether some instances could not be read. Then an unknown name is not an error.
     is_damaged: bool,
-    /// Whether the text around is damaged, so that a word may be no name at all unless it looks like one.
+    /// Whether the surrounding text is damaged. Then a word may be something else than a name, unless it looks like
+    /// one.
     pub(super) is_doubtful: bool,
 }
 
@@ -59,7 +60,7 @@ impl<'a> Names<'a> {
         }
     }
 
-    /// The instance that is called exactly so; anything else is reported.
+    /// Returns the instance with exactly this name. Reports any other name.
     pub(super) fn exact(&mut self, name: &Name) -> Option<usize> {
         let found = self.find(&name.text);
         if found.is_none() {
@@ -68,17 +69,17 @@ impl<'a> Names<'a> {
         found
     }
 
-    /// The instance of exactly that name, without any report.
+    /// Returns the instance with exactly this name, without any report.
     pub(super) fn find(&self, name: &str) -> Option<usize> {
         self.exact.get(name).copied()
     }
 
-    /// The instance that a name in an event action means, by the lenient rules.
+    /// Returns the instance that a name in an event action means, by the lenient rules.
     pub(super) fn lenient(&mut self, name: &Name) -> Option<usize> {
         if let Some(slot) = self.find(&name.text) {
             return Some(slot);
         }
-        // The intended instance may be among those that cannot be read.
+        // The intended instance may be in text that cannot be read.
         if self.is_damaged {
             return None;
         }
@@ -100,20 +101,20 @@ impl<'a> Names<'a> {
         None
     }
 
-    /// Whether a name that is not exact means one instance, by the lenient rules.
+    /// Returns whether a name that is not exact means one instance by the lenient rules.
     pub(super) fn means_one(&self, name: &str) -> bool {
         let first = self.candidates(name).into_iter().map(|(_, slots)| slots).find(|slots| !slots.is_empty());
         !self.is_damaged && first.is_some_and(|slots| slots.len() == 1)
     }
 
-    /// The candidates of each lenient step, in the order of the steps.
+    /// Returns the candidates of each lenient step, in the order of the steps.
     fn candidates(&self, name: &str) -> [(Code, Vec<usize>); 3] {
         let by_type = self.by_type.get(name).cloned().unwrap_or_default();
         let folded = self.folded.get(&fold(name)).cloned().unwrap_or_default();
         [(Code::W0201, by_type), (Code::W0202, folded), (Code::W0203, self.abbreviated(name))]
     }
 
-    /// The instances whose name begins with this one, or that this one begins with.
+    /// Returns the instances whose name begins with this name, or whose name is a beginning of this name.
     fn abbreviated(&self, name: &str) -> Vec<usize> {
         let name = name.to_lowercase();
         let ends = name.char_indices().map(|(at, _)| at).skip(ABBREVIATION_MIN);
@@ -138,7 +139,7 @@ impl<'a> Names<'a> {
         };
         let diagnostic = Diagnostic::new(code, name.span, message).label(label);
         let diagnostic = diagnostic.reason(instance.name.span, "declared here");
-        // The only instance that it is read as: the plan stays the same.
+        // There is no other instance that it could mean, so the plan stays the same.
         diagnostic.replace(name.span, exact)
     }
 
@@ -185,7 +186,8 @@ impl<'a> Names<'a> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// The probably intended instance, with those whose names look like it: by its name, else by its type.
+    /// Returns the instance that is probably intended: by similar names of instances, otherwise by similar names of
+    /// types. Names of instances come with the other similar names.
     fn suggestion(&mut self, name: &str) -> Option<(usize, Option<Near<'a>>)> {
         let names = self.instances.iter().map(|instance| instance.name.text.as_str());
         if let Some(near) = self.diagnostics.near(name, names) {
@@ -199,7 +201,7 @@ impl<'a> Names<'a> {
     }
 }
 
-/// Names in a sentence: as many as a person reads.
+/// Lists names in a sentence, at most as many as a person reads.
 pub(super) fn listed<'a>(mut names: impl Iterator<Item = &'a str>) -> String {
     let shown: Vec<String> = names.by_ref().take(LISTED_MAX).map(|name| format!("`{name}`")).collect();
     match names.count() {
@@ -208,7 +210,7 @@ pub(super) fn listed<'a>(mut names: impl Iterator<Item = &'a str>) -> String {
     }
 }
 
-/// Reports the second of two things of one name.
+/// Makes the diagnostic for the second of two declarations with the same name.
 pub(super) fn twice(what: &str, name: &str, second: Span, first: Span) -> Diagnostic {
     let message = format!("{what} `{name}` is defined twice");
     Diagnostic::new(Code::E0110, second, message).reason(first, "first defined here")

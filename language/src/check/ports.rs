@@ -1,4 +1,4 @@
-//! Checks the ports of connections and of external io.
+//! Checks the ports of connections and of external ports.
 
 mod calls;
 mod keys;
@@ -22,11 +22,11 @@ pub(super) use topics::type_of;
 
 /// The result of the search for a port.
 enum Found<'a> {
-    /// Declared by a module or an activity, here.
+    /// A module or an activity declares this port.
     Port(&'a Port),
-    /// Its module has no interface, or a part of the text is damaged.
+    /// The module has no interface, or a part of the text is damaged.
     Unknown,
-    /// No such port; the known ones.
+    /// There is no such port. `known` has the existing ports.
     Missing { owner: &'a Name, known: Vec<&'a Name> },
 }
 
@@ -64,16 +64,16 @@ fn check_all(spec: &Spec, diagnostics: &mut Diagnostics) -> BTreeSet<Span> {
 
 /// The end of a connection that is outside of all processes: the database, or a topic of ROS 2.
 struct OutsideEnd {
-    /// The direction of the ports that it is connected with.
+    /// The direction of the ports that may be connected with this end.
     direction: Direction,
-    /// Its use of values, as a clause of a sentence.
+    /// How this end uses values, as a clause of a sentence.
     what: &'static str,
-    /// The reason why it has no calls, as a clause.
+    /// The reason why this end has no calls, as a clause.
     not_called: &'static str,
 }
 
 impl OutsideEnd {
-    /// Returns why a port cannot be connected with it, whatever its type.
+    /// Returns the reason if a port of any type cannot be connected with this end.
     fn misfit(&self, name: &Name, port: &Port, error: impl Fn(String) -> Diagnostic) -> Option<Diagnostic> {
         let Self { direction, what, not_called } = self;
         if port.call.is_some() {
@@ -92,7 +92,7 @@ impl OutsideEnd {
 struct Interfaces<'a> {
     modules: Vec<BTreeMap<&'a str, &'a Port>>,
     exports: Vec<BTreeMap<&'a str, &'a Endpoint>>,
-    /// Where activities declare their ports.
+    /// The places where activities declare their ports.
     messages: BTreeSet<Span>,
 }
 
@@ -109,7 +109,7 @@ impl<'a> Interfaces<'a> {
     }
 }
 
-/// A group whose connections are checked.
+/// Checks the connections of one group.
 struct Ports<'a> {
     spec: &'a Spec,
     interfaces: &'a Interfaces<'a>,
@@ -210,7 +210,7 @@ impl<'a> Ports<'a> {
         }
     }
 
-    /// Finds the module's port behind an endpoint; reports a port that is not there.
+    /// Finds the module's port for an endpoint. Reports a port that does not exist.
     fn look_up(&mut self, endpoint: &'a Endpoint) -> Option<&'a Port> {
         match self.find(endpoint) {
             Found::Port(port) => Some(port),
@@ -222,7 +222,7 @@ impl<'a> Ports<'a> {
         }
     }
 
-    /// Follows external ports down to the leaf; groups nest finitely here.
+    /// Follows external ports down to the leaf. At this point, no group contains itself.
     fn find(&self, endpoint: &'a Endpoint) -> Found<'a> {
         let (mut process, mut slot, mut port) = (self.process, endpoint.slot, &endpoint.port.text);
         let mut is_direct = true;
@@ -237,7 +237,7 @@ impl<'a> Ports<'a> {
                             let known = module.ports.iter().map(|port| &port.name).collect();
                             Found::Missing { owner: &module.name, known }
                         }
-                        // Reported where the group exports it, or where its text is damaged.
+                        // This is reported where the group exports the port, or where the text is damaged.
                         None => Found::Unknown,
                     };
                 }
@@ -282,7 +282,7 @@ struct Typed<'a> {
     kind: &'a Kind,
 }
 
-/// Both ends of a connection have the same type.
+/// Checks that both ends of a connection have the same type.
 fn check_types(spec: &Spec, connection: &Connection, from: &Typed<'_>, to: &Typed<'_>) -> Option<Diagnostic> {
     let (sent, taken) = (from.kind, to.kind);
     let (from_name, to_name) = (&connection.from.port.text, &connection.to.port.text);

@@ -1,12 +1,12 @@
-//! Whether a value is a quantity of the kind that a parameter measures.
+//! Checks whether a value is a quantity that a parameter can have.
 
 use super::spec::{Param, Value, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::unit;
 
-/// Returns a finding if a value is not a quantity of the type `kind`; none if it is, or if `kind` is not a type of
-/// quantities.
+/// Returns a diagnostic if a value is not a quantity of the type `kind`. Returns none if it is, or if `kind` is not a
+/// type of quantities.
 pub(super) fn misfit(param: &Param, kind: &str, value: &Value) -> Option<Diagnostic> {
     let (dimension, example) = unit::of_type(kind)?;
     let number = match &value.kind {

@@ -1,4 +1,4 @@
-//! The values that a parameter takes: `in 1..200`, `in "open" | "close"`.
+//! The allowed values of a parameter: `in 1..200`, `in "open" | "close"`.
 
 use super::spec::{Param, Shape, Spec, Value, ValueKind};
 use super::value::Reader;
@@ -10,7 +10,7 @@ use crate::syntax::ast::Node;
 use crate::unit;
 use std::fmt;
 
-/// The values that a parameter takes.
+/// The allowed values of a parameter.
 #[derive(Clone, Debug)]
 pub(crate) struct Range {
     pub(crate) values: Values,
@@ -19,7 +19,7 @@ pub(crate) struct Range {
 
 #[derive(Clone, Debug)]
 pub(crate) enum Values {
-    /// Both ends are among them; an end that is not written is not there.
+    /// The values from the first to the second, both included. Without an end, that side has no limit.
     Between(Option<Value>, Option<Value>),
     OneOf(Vec<Value>),
 }
@@ -48,7 +48,7 @@ impl Range {
         Some(Self { values: Values::Between(low, high), span })
     }
 
-    /// The values that are written in it.
+    /// Returns the values in the text of the range.
     pub(super) fn written(&self) -> impl Iterator<Item = &Value> {
         let (ends, all) = match &self.values {
             Values::Between(low, high) => ([low.as_ref(), high.as_ref()], &[][..]),
@@ -57,7 +57,7 @@ impl Range {
         ends.into_iter().flatten().chain(all)
     }
 
-    /// Whether a value is among them.
+    /// Returns whether a value is allowed.
     pub(crate) fn has(&self, value: &Constant) -> bool {
         match &self.values {
             Values::Between(low, high) => {
@@ -69,7 +69,7 @@ impl Range {
         }
     }
 
-    /// Returns the allowed values as text, such as `a value from 1 N to 200 N`; `unit` is the unit of the numbers, if
+    /// Returns the allowed values as text, such as `a value from 1 N to 200 N`. `unit` is the unit of the numbers, if
     /// they have one.
     pub(crate) fn expected(&self, unit: Option<&str>) -> String {
         let with_unit = |value: &Value| in_unit(value, unit);
@@ -92,7 +92,7 @@ fn in_unit(value: &Value, unit: Option<&str>) -> String {
     unit.map_or_else(|| value.to_string(), |unit| format!("{value} {unit}"))
 }
 
-/// `1..200`, `"open" | "close"`; in SI units.
+/// Writes `1..200` or `"open" | "close"`, in SI units.
 impl fmt::Display for Range {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.values {
@@ -119,7 +119,7 @@ fn number(value: &Value) -> Option<f64> {
     }
 }
 
-/// Returns a finding if a value is not among those that a parameter takes.
+/// Returns the diagnostic for a value that is not allowed for a parameter.
 pub(crate) fn outside(param: &Param, range: &Range, value: &Constant, span: Span) -> Diagnostic {
     let value = Value { span, kind: ValueKind::Constant(value.clone()), dimension: None };
     let unit = param.kind.as_ref().and_then(|kind| unit::symbol(&kind.text));
@@ -128,7 +128,8 @@ pub(crate) fn outside(param: &Param, range: &Range, value: &Constant, span: Span
     Diagnostic::new(Code::E0217, span, message).reason(range.span, "declared here")
 }
 
-/// Whether values of a type are compared one by one: a list is not, its elements are.
+/// Returns whether values of this parameter are compared with the range as a whole. For a list, the elements are
+/// compared instead.
 pub(crate) fn is_plain(spec: &Spec, param: &Param) -> bool {
     param.kind.as_ref().is_none_or(|kind| matches!(spec.shape(kind), Shape::Plain(_)))
 }

@@ -1,8 +1,8 @@
-//! Resources that a group hands to its members, `search instof Search(c2, arm)`: for as long as such a member runs, the
-//! group that hands it has the resource for it.
+//! Resources that a group hands to its members: `search instof Search(c2, arm)`. While such a member runs, the group holds the resource for
+//! it.
 //!
-//! So a resource is granted where it is declared, by one supervisor, on whatever hosts its users are: running the member is
-//! `using(arm) search` to everything behind this pass. Inside, the member takes what it was handed among its own parts.
+//! So one supervisor grants a resource, where the resource is declared, whatever hosts its users are on. After this pass, running the
+//! member is `using(arm) search`. Inside, the member divides its resource among its own parts.
 
 mod longer;
 
@@ -15,7 +15,7 @@ use crate::syntax::ast::Name;
 use crate::unit::RESOURCE;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A resource that an instance is handed.
+/// A resource that is handed to an instance.
 #[derive(Clone, Debug)]
 struct Held {
     /// The index of the resource in the group.
@@ -25,18 +25,18 @@ struct Held {
 }
 
 impl Param {
-    /// Whether a resource is handed to it.
+    /// Returns whether the parameter is a resource.
     pub(super) fn is_resource(&self) -> bool {
         self.kind.as_ref().is_some_and(|kind| kind.text == RESOURCE)
     }
 }
 
-/// The resources that a group is handed.
+/// Returns the resources that are handed to a group.
 pub(super) fn known(params: &[Param]) -> Vec<Name> {
     params.iter().filter(|param| param.is_resource()).map(|param| param.name.clone()).collect()
 }
 
-/// The resources that the arguments of instances name.
+/// Returns the resources that the arguments of instances name.
 pub(super) fn given<'a>(
     instances: &'a [Instance],
     resources: &'a Places<'a>,
@@ -64,7 +64,7 @@ fn place(arg: &Arg, resources: &Places<'_>, params: &[Param]) -> Option<usize> {
     resources.get(name.as_str()).copied()
 }
 
-/// Makes each group take the resources that it hands to a member, while that member runs.
+/// Makes each group hold the resources that it hands to a member, while that member runs.
 pub(super) fn take(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     diagnostics.extend(misplaced(spec));
     let mut all: Vec<Vec<Vec<Held>>> = Vec::new();
@@ -79,7 +79,7 @@ pub(super) fn take(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         for instance in &process.instances {
             let before = diagnostics.count();
             holds.push(resource_args.held(instance, diagnostics));
-            // The instances of an array have one text.
+            // All instances of an array have the same text.
             let is_again = text.replace(instance.args_span) == Some(instance.args_span);
             diagnostics.retain_since(before, |_| !is_again);
         }
@@ -93,7 +93,7 @@ pub(super) fn take(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// A group while it hands resources to its members.
+/// A group that hands resources to its members.
 struct ResourceArgs<'a> {
     spec: &'a Spec,
     process: &'a Process,
@@ -101,7 +101,7 @@ struct ResourceArgs<'a> {
 }
 
 impl ResourceArgs<'_> {
-    /// Returns the resources that an instance is handed.
+    /// Returns the resources that are handed to an instance.
     fn held(&self, instance: &Instance, diagnostics: &mut Diagnostics) -> Vec<Held> {
         let (spec, process) = (self.spec, self.process);
         let Target::Process(target) = instance.target else { return Vec::new() };
@@ -156,13 +156,13 @@ impl ResourceArgs<'_> {
                         .help(format!("write `{other}: {RESOURCE}` in the parameters of `{}`", process.name.text)),
                 )
             }
-            // Reported already.
+            // This is already reported.
             ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => None,
         }
     }
 }
 
-/// Resources in places where they would never be granted: programs, fields, defaults.
+/// Reports resources in places where they would never be granted: programs, fields, defaults.
 fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
     let mut found = Vec::new();
     let names = |param: &Param| param.kind.as_ref().is_some_and(|kind| kind.name() == Some(RESOURCE));
@@ -184,7 +184,7 @@ fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
     found
 }
 
-/// Puts a `using` around each run of a member that is handed something.
+/// Puts a `using` around each run of a member that gets a resource.
 fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
     let rest = |parts: &mut [Expr]| parts.iter_mut().for_each(|part| guard(part, holds));
     match &mut expr.kind {

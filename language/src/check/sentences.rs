@@ -21,7 +21,7 @@ use words::{Kind, Words};
 pub(crate) use names::{EVENTS, STATES};
 pub(crate) use words::{Word, is_word, words_of};
 
-/// The forms of sentences, for the author of a text that has none of them.
+/// The forms of sentences, which a message shows if a text has none of them.
 const FORMS: [&str; 13] = [
     "never a with b",
     "always a implies b",
@@ -38,13 +38,13 @@ const FORMS: [&str; 13] = [
     "holds ltl \"G (a -> F b.done)\"",
 ];
 
-/// A sentence, and the process that it is about.
+/// A sentence, and the process that the sentence is about.
 pub(super) struct Stated {
     process: Name,
     node: Node,
 }
 
-/// Returns the sentences of all blocks; a block about a process that is not there is reported.
+/// Returns the sentences of all blocks. Reports a block about a process that does not exist.
 pub(super) fn read(trees: &[Tree], spec: &Spec, diagnostics: &mut Diagnostics) -> Vec<Stated> {
     let mut all = Vec::new();
     for item in trees.iter().filter(|tree| tree.is_part).flat_map(|tree| tree.root.children().collect::<Vec<_>>()) {
@@ -66,7 +66,7 @@ pub(super) fn read(trees: &[Tree], spec: &Spec, diagnostics: &mut Diagnostics) -
     all
 }
 
-/// Returns the sentences about the groups of a plan; those that cannot be read are reported, once each.
+/// Returns the sentences about the groups of a plan. A sentence that cannot be read is reported once.
 pub(super) fn resolve(stated: &[Stated], plan: &Plan, diagnostics: &mut Diagnostics) -> Vec<Property> {
     let mut properties = Vec::new();
     for one in stated {
@@ -89,11 +89,11 @@ pub(super) fn resolve(stated: &[Stated], plan: &Plan, diagnostics: &mut Diagnost
 
 type Read<T> = Result<T, Box<Diagnostic>>;
 
-/// The finding for a sentence that has none of the forms.
+/// Makes the diagnostic for a sentence that has none of the forms.
 fn unreadable(words: &Words) -> Box<Diagnostic> {
     let message = format!("expected {}, found {}", words.wanted(), words.here());
     let found = Diagnostic::new(Code::E0801, words.place(), message);
-    // The expected words stand between backquotes, as in "`only after` or `at most`".
+    // The expected words are between backquotes, as in "`only after` or `at most`".
     let wanted = words.wanted().split('`').skip(1).step_by(2).flat_map(str::split_whitespace);
     if let Some(near) = words.next_name().and_then(|name| similar::near(name, wanted)) {
         return Box::new(found.rename(words.place(), &near));
@@ -104,14 +104,14 @@ fn unreadable(words: &Words) -> Box<Diagnostic> {
     }))
 }
 
-/// The first words of sentences that do not begin with a process.
+/// The first words of sentences that do not begin with the name of a process.
 const BEGINNINGS: [&str; 11] =
     ["never", "always", "after", "on", "eventually", "exclusive", "assume", "holds", "can", "finishes", "stops"];
-/// The beginnings of two words, with the second in the form of a message.
+/// Sentences that begin with two words: the first word, and the second word in the form for a message.
 const PAIRS: [(&str, &str); 3] = [("can", "`finish`"), ("finishes", "`within`"), ("stops", "`within`")];
 
 fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
-    // A process may be called as a sentence begins: `on only after a.done`.
+    // A process may have the name of such a first word: `on only after a.done`.
     let is_about = words.is(1, "only") && words.is(2, "after") || words.is(1, "at") && words.is(2, "most");
     let sentence = if is_about {
         about(words, names)?
@@ -155,7 +155,7 @@ fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     if words.is_over() { Ok(sentence) } else { Err(unreadable(words.want("`;`"))) }
 }
 
-/// `1 s .. 15 s`
+/// Reads `1 s .. 15 s`.
 fn range(words: &mut Words) -> Read<(Duration, Duration)> {
     let place = words.place();
     let least = words.time()?;
@@ -168,7 +168,7 @@ fn range(words: &mut Words) -> Read<(Duration, Duration)> {
     Ok((least, most))
 }
 
-/// `b only after a.done`, `b at most once`
+/// Reads `b only after a.done` or `b at most once`.
 fn about(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     if !words.is_name() {
         return Err(unreadable(words.want("a sentence")));
@@ -184,7 +184,7 @@ fn about(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     Err(unreadable(words.want("`only after` or `at most`")))
 }
 
-/// The process that a sentence begins with.
+/// Reads the name of the process with which a sentence begins.
 fn subject(words: &mut Words, names: &Names<'_>) -> Read<ProcessRef> {
     let before = words.peek();
     who(words, names).map_err(|unknown| match PAIRS.iter().find(|(word, _)| before.at(word)) {
@@ -201,7 +201,7 @@ fn who(words: &mut Words, names: &Names<'_>) -> Read<ProcessRef> {
     names.who(words)
 }
 
-/// `exclusive a, b, c`, or the device that they claim.
+/// Reads `exclusive a, b, c`, or the device that the processes claim.
 fn exclusive(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     let mut all = names.who_or_device(words)?;
     while words.eat(",") {

@@ -5,7 +5,7 @@ use super::spec::{Direction, Port, Spec, Target};
 use crate::plan::{Expression, MemberKind, Plan};
 use crate::sites::{GroupSites, LeafFacts, Property, Sites};
 
-/// Returns the places of a plan that was made of this spec and root, with its properties.
+/// Returns the places of a plan that was made from this spec and root, with its properties.
 pub(super) fn sites(spec: &Spec, root: usize, plan: &Plan, properties: Vec<Property>) -> Sites {
     let empty = GroupSites { name: spec.processes[root].name.span, members: vec![], nodes: vec![], sets: vec![] };
     let groups = vec![empty; plan.groups.len()];
@@ -15,7 +15,7 @@ pub(super) fn sites(spec: &Spec, root: usize, plan: &Plan, properties: Vec<Prope
         let source = &spec.processes[process];
         let mut members: Vec<_> = source.instances.iter().map(|instance| instance.name.span).collect();
         if source.chart().is_some() {
-            // The ports of an activity are its last member, and have no instance in the text.
+            // The program for the ports of an activity is the last member, and has no instance in the text.
             members.resize(plan.groups[group].members.len(), source.name.span);
         }
         let nodes = source.actions.as_ref().map_or_else(|| vec![source.name.span], places);

@@ -1,4 +1,4 @@
-//! Checks the types of instances, their arguments, and which groups contain which.
+//! Checks the types of instances, their arguments, and which groups contain which other groups.
 
 mod kinds;
 mod records;
@@ -34,14 +34,14 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         for instance in process.instances.iter().filter(|_| !process.damage.instances) {
             let Some(call) = Call::of(spec, instance) else { continue };
             let before = diagnostics.count();
-            // The instances of an array have one text: a mistake in one of them is reported once.
+            // All instances of an array have the same text, so their mistakes are reported once.
             let known = text.take().filter(|(span, _)| *span == call.span);
             let mut rounds = known.map_or_else(|| diagnostics.rounds(), |(_, rounds)| rounds);
             diagnostics.begin_round(&mut rounds);
             call.check(spec, diagnostics);
             let mut kinds = TypeChecker { spec, outer: &process.params, uses: &mut uses, diagnostics };
             kinds.arguments(call.params, call.args);
-            // A named constant may be given more than once.
+            // A named constant may be given at several places.
             let is_here = |found: &Diagnostic| call.span.contains(found.primary.span);
             diagnostics.retain_since(before, |found| is_here(found) || elsewhere.insert(key(found)));
             diagnostics.end_round(&mut rounds);
@@ -51,7 +51,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     spec.field_uses = uses;
 }
 
-/// Defaults of parameters and of fields.
+/// Checks the defaults and ranges of parameters and fields.
 fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut Diagnostics) {
     let processes = spec.processes.iter().filter(|process| !process.damage.header).map(|process| &process.params);
     let modules = spec.modules.iter().flat_map(Module::declared);
@@ -65,7 +65,7 @@ fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut D
     }
 }
 
-/// Policies belong to programs, and not each of them to each program.
+/// Checks policies. They belong to programs, and some programs cannot have some policies.
 fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.instances {
         return;
@@ -73,7 +73,7 @@ fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics)
     let mut last = None;
     for instance in &process.instances {
         let Some(span) = instance.policies.span else { continue };
-        // The instances of an array have one text.
+        // All instances of an array have the same text.
         if last.replace(span) == Some(span) {
             continue;
         }
@@ -95,7 +95,7 @@ fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics)
     }
 }
 
-/// A restarted program has lost the memory of its type.
+/// Reports a program that would be started again, although it would lose what its type remembers.
 fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let span = instance.policies.restart?;
     if !module.remembers || instance.policies.policy.restart == Restart::Temporary {
@@ -110,7 +110,7 @@ fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     Some(found.help(help).choose(span, "temporary"))
 }
 
-/// Two programs of one process cannot both end it, own its devices, or answer its calls.
+/// Reports two overlapping programs of one process that would both end it, use its devices, or answer its calls.
 fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let span = instance.policies.overlap?;
     let is_called = |port: &&Port| port.call.as_ref().is_some_and(|call| call.role != CallRole::Caller);
@@ -128,14 +128,14 @@ fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     Some(no_overlap(span, &instance.name.text, &why))
 }
 
-/// Reports an instance whose program cannot run at the same time as the next one.
+/// Makes the diagnostic for an instance whose old and new program cannot run at the same time.
 pub(super) fn no_overlap(span: Span, name: &str, why: &str) -> Diagnostic {
     let message = format!("two programs of `{name}` cannot overlap: {why}");
     let found = Diagnostic::new(Code::E0115, span, message);
     found.help("without `replace overlap` it is ended before the next one is started").choose(span, "break_before_make")
 }
 
-/// Nobody waits before the start of a program that is never started again.
+/// Reports a back-off for a program that is never started again.
 fn check_backoff(module: Option<&Module>, group: &Process, instance: &Instance) -> Option<Diagnostic> {
     let (span, policies) = (instance.policies.backoff?, &instance.policies);
     let remembers = module.is_some_and(|module| module.remembers);
@@ -155,7 +155,8 @@ fn check_backoff(module: Option<&Module>, group: &Process, instance: &Instance) 
     })
 }
 
-/// The arguments of a module after its host: the first argument, when it is a name or a string without a name.
+/// Returns the arguments of a module after its host. The host is the first argument, if it is a name or a text, or is
+/// named `host`.
 pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     match args.first() {
         Some(Arg { name: None, value }) => match value.kind {
@@ -173,21 +174,21 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
 struct Call<'a> {
     kind: &'a str,
     params: &'a [Param],
-    /// The arguments; for a module, without the host.
+    /// The arguments. For a module, the host is left out.
     args: &'a [Arg],
     is_module: bool,
-    /// Whether there would be as many arguments as parameters if the host were one of them.
+    /// Whether the number of arguments would be right if the host were a parameter.
     is_one_short_for_its_host: bool,
     span: Span,
 }
 
 impl<'a> Call<'a> {
-    /// Nothing if its parameters are not known.
+    /// Returns the call, or none if the parameters are not known.
     fn of(spec: &'a Spec, instance: &'a Instance) -> Option<Self> {
         let (params, args) = match instance.target {
             Target::Process(target) if spec.processes[target].damage.header => return None,
             Target::Process(target) => (spec.processes[target].params.as_slice(), instance.args.as_slice()),
-            // Its arguments are those of the deployment that starts it.
+            // The deployment that starts the program decides its arguments.
             Target::Module(_) if instance.policies.runs_in.is_some() => return None,
             Target::Module(target) => (spec.modules[target].params.as_deref()?, without_host(&instance.args)),
             Target::Unknown => return None,
@@ -200,13 +201,13 @@ impl<'a> Call<'a> {
         Some(Self { kind, params, args, is_module, is_one_short_for_its_host, span: instance.args_span })
     }
 
-    /// Checks that each parameter is given once.
+    /// Checks that each parameter gets exactly one value.
     fn check(&self, spec: &Spec, diagnostics: &mut Diagnostics) {
         let (kind, params) = (self.kind, self.params);
         let positional = self.args.iter().filter(|arg| arg.name.is_none()).count();
         let mut given: Vec<bool> = (0..params.len()).map(|index| index < positional).collect();
         let mut is_known = true;
-        // The host of a module may be given by name; for a group it is a name like any other.
+        // The host of a module may be given by name. For a group, `host` is a name like any other.
         let is_host = |name: &&Name| self.is_module && name.text == "host";
         for name in self.args.iter().filter_map(|arg| arg.name.as_ref()).filter(|name| !is_host(name)) {
             match params.iter().position(|param| param.name.text == name.text) {
@@ -219,7 +220,7 @@ impl<'a> Call<'a> {
                     is_known = false;
                     let message = format!("`{kind}` has no parameter `{}`", name.text);
                     let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
-                    // A parameter that another argument names is not meant.
+                    // A parameter that another argument names cannot be the intended one.
                     let is_named = |param: &&Param| {
                         let mut names = self.args.iter().filter_map(|arg| arg.name.as_ref());
                         names.any(|other| other.text == param.name.text)
@@ -266,7 +267,7 @@ fn count(params: usize) -> String {
     }
 }
 
-/// Instances that nothing runs.
+/// Reports instances that no event action runs.
 fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.actions || process.damage.instances {
         return;
@@ -279,7 +280,7 @@ fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.names {
         return;
     }
-    // The name of a process that another deployment runs, whether this one watches it or not.
+    // `runs_in` only names a process of another deployment, so an instance with it need not be run.
     let idle = process.instances.iter().filter(|instance| !instance.is_run && instance.policies.runs_in.is_none());
     for instance in idle {
         let message = format!("`{}` is never run", instance.name.text);
@@ -287,7 +288,8 @@ fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// Returns the process that a deployment starts: `main`, else the one that no other instantiates.
+/// Returns the process that a deployment starts. This is `main`, otherwise the only process that no other process
+/// instantiates.
 pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> {
     let used = spec.processes.iter().flat_map(|process| &process.instances).map(|instance| instance.target);
     let used: BTreeSet<usize> = used
@@ -298,7 +300,7 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> 
         .collect();
     let unused: Vec<usize> = (0..spec.processes.len()).filter(|process| !used.contains(process)).collect();
     if let Some(&main) = spec.process_names.get("main") {
-        // A file that is used by others may have more than this spec needs.
+        // A file that several specs use may have more processes than this spec needs.
         let own = |process: &&usize| spec.processes[**process].name.span.origin == Origin::Spec;
         for &process in unused.iter().filter(|&&process| process != main).filter(own) {
             let name = &spec.processes[process].name;
@@ -331,7 +333,7 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> 
     }
 }
 
-/// The finding for a root without a value for a shape parameter.
+/// Makes the diagnostic for a root whose shape parameter has no value.
 fn open(process: &Process) -> Option<Diagnostic> {
     let (first, name) = (process.open.first()?, &process.name.text);
     let names = listed(process.open.iter().map(|param| param.text.as_str()));
@@ -348,7 +350,7 @@ fn no_root(spec: &Spec, unused: &[usize]) -> Option<Diagnostic> {
         return Some(Diagnostic::new(Code::E0101, start, "the spec has no process to run").help(help));
     };
     if unused.is_empty() {
-        // Every process is part of another: the recursion is reported as such.
+        // Every process is part of another process. The recursion is reported elsewhere.
         return None;
     }
     let names: Vec<String> = unused.iter().map(|&process| format!("`{}`", spec.processes[process].name.text)).collect();

@@ -1,4 +1,4 @@
-//! Reports used files and folders that cannot be read.
+//! Reports a `use` of a file or folder that cannot be read.
 
 use super::diagnostics::Diagnostics;
 use crate::diagnostic::{Code, Diagnostic};
@@ -7,7 +7,7 @@ use crate::source::{Role, Source};
 use crate::syntax::ast::{Name, Node};
 use std::collections::BTreeMap;
 
-/// The files and folders at hand, by their paths.
+/// The files and folders that were read, by their paths.
 pub(super) struct Files<'a> {
     spec: String,
     roles: BTreeMap<&'a str, &'a Role>,
@@ -20,7 +20,7 @@ impl<'a> Files<'a> {
         Self { spec: normal(&spec.name), roles }
     }
 
-    /// Reports each `use` of something that could not be read.
+    /// Reports each `use` of a file or folder that could not be read.
     pub(super) fn check(&self, file: &Node, user: &str, diagnostics: &mut Diagnostics) {
         for used in uses(file) {
             let path = resolve(user, &used.text);

@@ -1,4 +1,4 @@
-//! Evaluates constants, quantities and durations.
+//! Evaluates constants, quantities and times.
 
 use super::diagnostics::Diagnostics;
 use super::spec::{FIELDS_MAX, Scope, Value, ValueKind};
@@ -17,14 +17,14 @@ const SECONDS_MAX: f64 = 100.0 * 366.0 * 86_400.0;
 /// The longest key of the database, in bytes.
 const KEY_SIZE_MAX: usize = 512;
 
-/// Reads values, and texts that consist of them, with the names of a scope.
+/// Reads values and lists of values. The names in them belong to a scope.
 pub(super) struct Reader<'a> {
     pub(super) scope: Scope<'a>,
     pub(super) diagnostics: &'a mut Diagnostics,
 }
 
 impl Reader<'_> {
-    /// Reads a constant node; a name may be a parameter or a named constant, else it is a value itself.
+    /// Reads a constant. A name may be a parameter or a named constant, otherwise it stands for itself.
     pub(super) fn value(&mut self, node: &Node) -> Value {
         let span = node.span();
         if let Some(text) = node.token(Text) {
@@ -55,7 +55,7 @@ impl Reader<'_> {
         }
     }
 
-    /// `secret("team/camera/password")`
+    /// Reads `secret("team/camera/password")`.
     fn secret(&mut self, node: &Node) -> ValueKind {
         let Some(text) = node.token(Text) else { return ValueKind::Broken };
         let key = text.content();
@@ -67,7 +67,7 @@ impl Reader<'_> {
         ValueKind::Broken
     }
 
-    /// `{ x = 1 m, y = 2 m }`
+    /// Reads `{ x = 1 m, y = 2 m }`.
     fn record(&mut self, node: &Node) -> ValueKind {
         let mut fields: Vec<(Name, Value)> = Vec::new();
         for field in node.children_of(SyntaxKind::Field) {
@@ -86,8 +86,8 @@ impl Reader<'_> {
         ValueKind::Record(fields)
     }
 
-    /// Checks that a record or a list is not too large, and that no list is in a list: named constants in named constants grow
-    /// fast.
+    /// Checks that a record or a list is not too large, because named constants in named constants grow fast. Also checks that no list is
+    /// inside another list.
     fn limited(&mut self, value: Value) -> Value {
         let inner = if let ValueKind::List(values) = &value.kind { values.as_slice() } else { &[] };
         let nested = inner.iter().find(|value| matches!(value.kind, ValueKind::List(_)));
@@ -103,7 +103,7 @@ impl Reader<'_> {
         Value { kind: ValueKind::Broken, ..value }
     }
 
-    /// `hosts[i]`: one value of a list.
+    /// Reads `hosts[i]`, which is one value of a list.
     fn picked(&mut self, name: &Name, index: &Node) -> Value {
         let span = Span { end: index.span().end, ..name.span };
         let broken = Value { span, kind: ValueKind::Broken, dimension: None };
@@ -129,7 +129,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the value of a name: a truth, a parameter, a named constant, or the name itself.
+    /// Returns the value of a name. The name may be `true` or `false`, a parameter or a named constant. Otherwise it stands for itself.
     pub(super) fn symbol(&mut self, name: &Name) -> Value {
         let scope = self.scope;
         let value = |kind| Value { span: name.span, kind, dimension: None };
@@ -159,7 +159,7 @@ impl Reader<'_> {
         value(ValueKind::Constant(Constant::Text(name.text.clone())))
     }
 
-    /// Reads a time, or the name of one; reports anything else.
+    /// Reads a time, or the name of a time. Reports any other value.
     pub(super) fn duration(&mut self, node: &Node) -> Option<Duration> {
         let span: Span = node.span();
         let named = node.names().next().filter(|_| node.token(Number).is_none());
@@ -191,14 +191,14 @@ impl Reader<'_> {
     }
 }
 
-/// Returns whether a text can be a key of the database: words joined by `/`, none of them empty.
+/// Returns whether a text can be a key of the database: words joined by `/`, of which none is empty.
 pub(super) fn is_key(text: &str) -> bool {
     let is_word = |word: &str| !word.is_empty() && word != "." && word != "..";
     let has_meaning = |c: char| c.is_control() || matches!(c, '*' | '$' | '?' | '#');
     text.len() <= KEY_SIZE_MAX && text.split('/').all(is_word) && !text.contains(has_meaning)
 }
 
-/// Reads a number with an optional unit; returns it in SI.
+/// Reads a number with an optional unit. Returns it in SI units.
 pub(super) fn quantity(node: &Node, diagnostics: &mut Diagnostics) -> Option<(f64, Option<Dimension>)> {
     let number = node.token(Number)?;
     let Some(mut value) = number.number() else {
@@ -219,7 +219,7 @@ pub(super) fn quantity(node: &Node, diagnostics: &mut Diagnostics) -> Option<(f6
     Some((value * factor, Some(dimension)))
 }
 
-/// Warns of a whole number with more digits than a number keeps.
+/// Warns if a whole number has more digits than a floating-point number can keep.
 fn warn_of_lost_digits(text: &str, value: f64, span: Span, diagnostics: &mut Diagnostics) {
     let is_whole = text.bytes().all(|byte| byte.is_ascii_digit());
     let (digits, kept) = (text.trim_start_matches('0'), format!("{value:.0}"));

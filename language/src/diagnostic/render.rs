@@ -1,33 +1,33 @@
 //! Writes diagnostics as text with carets.
 //!
-//! Only the lines that a label touches are handed to the printer, and of a very long line only what is near the label: what
-//! a remark costs does not depend on the text that it is about.
+//! The printer gets only the lines that a label touches, and of a very long line only the part near the label. So the cost of a diagnostic
+//! does not depend on the length of its text.
 
 use super::{Diagnostic, Label, Severity};
 use crate::source::{Lines, Origin, Source, Span, Texts};
 use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 use std::ops::Range;
 
-/// As many remarks are shown to a person.
+/// The largest number of diagnostics that a person sees.
 const SHOWN_MAX: usize = 100;
-/// The most bytes that are shown of the lines that one or several labels touch.
+/// The largest number of bytes in one excerpt, which is the lines that one or several labels touch.
 const WINDOW_MAX: usize = 16 * 1024;
-/// The longest line that is shown whole, or as the printer trims it, in bytes.
+/// The longest line that goes to the printer as a whole, in bytes. The printer may trim it.
 const LINE_MAX: usize = 400;
-/// As many bytes are shown before and after a label in a longer line.
+/// How many bytes before and after a label are shown of a longer line.
 const CLIPPED: usize = 60;
 
-/// How the text is dressed.
+/// The style of the text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
-    /// Letters only.
+    /// Without colours.
     Plain,
     /// With colours for a terminal.
     Colour,
 }
 
-/// Returns the diagnostics for a person: message, source lines with carets, help. Of more than 100 the errors come
-/// first, and the number of hidden ones is at the end.
+/// Returns the diagnostics for a person: message, source lines with carets, help. If there are more than 100, errors are shown rather than
+/// warnings, and the number of hidden diagnostics is at the end.
 pub fn render(diagnostics: &[Diagnostic], spec: &Source, interfaces: &[Source], style: Style) -> String {
     let renderer = match style {
         Style::Plain => Renderer::plain(),
@@ -48,8 +48,7 @@ pub fn render(diagnostics: &[Diagnostic], spec: &Source, interfaces: &[Source], 
     text
 }
 
-/// Returns the diagnostics to show, in the order of the text: all, or as many as a person reads, errors before
-/// warnings.
+/// Returns the diagnostics to show, in the order of the text. If there are more than a person reads, errors are shown rather than warnings.
 fn shown(diagnostics: &[Diagnostic]) -> Vec<&Diagnostic> {
     let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error).count().min(SHOWN_MAX);
     let mut room = [errors, SHOWN_MAX - errors];
@@ -87,7 +86,7 @@ fn report<'a>(diagnostic: &'a Diagnostic, texts: &Texts<'a>) -> Group<'a> {
     group
 }
 
-/// The texts that a diagnostic points into, that of its primary span first.
+/// Returns the texts that a diagnostic points into. The text of the primary span comes first.
 fn origins(diagnostic: &Diagnostic) -> Vec<Origin> {
     let mut origins = vec![diagnostic.primary.span.origin];
     for label in &diagnostic.secondary {
@@ -98,7 +97,7 @@ fn origins(diagnostic: &Diagnostic) -> Vec<Origin> {
     origins
 }
 
-/// A stretch of a text with the labels in it.
+/// An excerpt of a text with the labels in it.
 struct View<'a> {
     window: Range<usize>,
     marks: Vec<Mark<'a>>,
@@ -111,7 +110,7 @@ struct Mark<'a> {
     text: &'a str,
 }
 
-/// Returns the excerpts of one text: one with all labels if these are near enough, else one for each.
+/// Returns the excerpts of one text: one excerpt with all labels if they are near each other, otherwise one for each label.
 fn views<'a>(diagnostic: &'a Diagnostic, origin: Origin, lines: &Lines<'a>) -> Vec<View<'a>> {
     let mark = |kind, label: &'a Label| Mark { kind, range: range(label.span, lines), text: label.text.as_str() };
     let primary = [&diagnostic.primary].into_iter().map(|label| (AnnotationKind::Primary, label));
@@ -126,12 +125,12 @@ fn views<'a>(diagnostic: &'a Diagnostic, origin: Origin, lines: &Lines<'a>) -> V
     marks.into_iter().map(|mark| clipped(mark, lines)).collect()
 }
 
-/// Whether a label begins or ends in a long line.
+/// Returns whether a label begins or ends in a long line.
 fn is_long(mark: &Mark<'_>, lines: &Lines<'_>) -> bool {
     [mark.range.start, mark.range.end].iter().any(|&end| lines.around(&(end..end)).len() > LINE_MAX)
 }
 
-/// One label with its lines, or with the text around it if these are long.
+/// Returns an excerpt with one label: its lines, or the text around the label if the lines are long.
 fn clipped<'a>(mut mark: Mark<'a>, lines: &Lines<'a>) -> View<'a> {
     let mut window = lines.around(&mark.range);
     if window.len() > WINDOW_MAX || is_long(&mark, lines) {
@@ -157,19 +156,20 @@ impl<'a> View<'a> {
         if begins.column == 1 {
             return group.element(snippet.path(source.name.as_str()));
         }
-        // The printer would count columns from where the line was cut.
+        // Without this, the printer would count columns from the place where the line was cut.
         let at = self.marks.first().map_or(begins, |mark| lines.position(offset(mark.range.start)));
         let place = annotate_snippets::Origin::path(source.name.as_str()).line(at.line).char_column(at.column);
         group.element(place).element(snippet)
     }
 }
 
-/// The bytes of a span, cut to the length of the text: a caller may pass another text than the one that was checked.
+/// Returns the bytes of a span. They are limited to the length of the text, because a caller may pass another text than the one that was
+/// checked.
 fn range(span: Span, lines: &Lines<'_>) -> Range<usize> {
     let text = &lines.source().text;
     let mut start = lines.boundary(span.start as usize);
     if start == text.len() && text.ends_with('\n') {
-        // The end of the text is shown behind its last line, not below it.
+        // The end of the text is shown at the end of its last line, not below it.
         start -= 1;
         return start..start;
     }

@@ -5,18 +5,18 @@ use crate::syntax::SyntaxKind::{self, AnyOf, Comma, Finally, LeftBrace, Match, O
 use crate::syntax::{Operator, SyntaxNode};
 use rowan::NodeOrToken;
 
-/// A last operand in parentheses may hang at the end of a line when there are no more operands than this.
+/// The largest number of operands of an operator whose last operand, in parentheses, may begin at the end of a line.
 const HANGING_MAX: usize = 3;
-/// The columns of the longest operator with the blank before it: ` else`; but for ` finally`.
+/// The columns of the longest operator with the blank before it: ` else`. Only ` finally` is longer.
 const OPERATOR: usize = 5;
 const FINALLY: usize = 8;
 
-/// Whether a node has operands.
+/// Returns whether a node has operands.
 pub(super) fn is_expression(kind: SyntaxKind) -> bool {
     is_operator(kind) || kind == Paren || kind == Match
 }
 
-/// Whether its operands are equals, which may each be on separate lines.
+/// Returns whether the operands of a node are equals, so that each may have lines of its own.
 pub(super) fn is_operator(kind: SyntaxKind) -> bool {
     let Some(operator) = kind.operator() else { return false };
     match operator {
@@ -61,7 +61,7 @@ impl Printer<'_> {
         }
     }
 
-    /// Whether the author broke the line at one of the node's own operators.
+    /// Returns whether the author broke the line at one of the node's own operators.
     fn is_broken_here(&self, node: &SyntaxNode) -> bool {
         if !is_operator(node.kind()) {
             return false;
@@ -78,7 +78,8 @@ impl Printer<'_> {
         )
     }
 
-    /// The last operand of `a, (`, or of `a else match {`, which has the rest on the lines below.
+    /// Returns the last operand of `a, (`, or of `a else match {`, if it may begin in this line and continue on the
+    /// lines below.
     fn hanging(&self, node: &SyntaxNode) -> Option<SyntaxNode> {
         let operands: Vec<SyntaxNode> = node.children().collect();
         let last = operands.last()?;
@@ -93,7 +94,7 @@ impl Printer<'_> {
         hangs.then(|| last.clone())
     }
 
-    /// Each operand on separate lines, the operator at the end.
+    /// Writes each operand on lines of its own, with the operator at the end.
     fn operands(&mut self, node: &SyntaxNode, reserve: usize) {
         let is_nested = node.parent().is_some_and(|parent| is_operator(parent.kind()));
         let last = node.children().last();
@@ -127,7 +128,7 @@ impl Printer<'_> {
         self.token();
     }
 
-    /// `match {` and each arm on a separate line.
+    /// Writes `match {`, and each arm on a line of its own.
     fn arms(&mut self, node: &SyntaxNode) {
         for part in node.children_with_tokens() {
             match part {

@@ -11,20 +11,20 @@ use crate::syntax::{Dca, SyntaxNode};
 use rowan::Language;
 use std::ops::Range;
 
-/// A token with a meaning, and the white space and comments before it.
+/// A token that is not white space or a comment, with the white space and comments before it.
 #[derive(Debug)]
 pub(super) struct Piece<'t> {
     pub(super) kind: SyntaxKind,
-    /// The kind of the node it belongs to.
+    /// The kind of the token's node.
     pub(super) parent: SyntaxKind,
     pub(super) text: &'t str,
-    /// Its first byte in the source.
+    /// The first byte of the token in the source.
     pub(super) start: u32,
-    /// The comments between the token before and this one.
+    /// The comments between the previous token and this token.
     pub(super) comments: Vec<Comment>,
-    /// Whether the source has a line break anywhere between the token before and this one.
+    /// Whether the source has a line break anywhere between the previous token and this token.
     pub(super) is_broken: bool,
-    /// Whether there is an empty line directly before it.
+    /// Whether there is an empty line directly before the token.
     pub(super) is_spaced: bool,
 }
 
@@ -32,14 +32,14 @@ pub(super) struct Piece<'t> {
 #[derive(Clone, Debug)]
 pub(super) struct Comment {
     pub(super) text: String,
-    /// Whether it begins its line.
+    /// Whether the comment begins its line.
     pub(super) is_own_line: bool,
-    /// Whether there is an empty line directly before it.
+    /// Whether there is an empty line directly before the comment.
     pub(super) is_spaced: bool,
 }
 
 impl Comment {
-    /// Whether the next token has to start a new line.
+    /// Returns whether the next token has to start a new line.
     pub(super) fn ends_line(&self) -> bool {
         self.text.starts_with("//")
     }
@@ -50,25 +50,25 @@ impl Comment {
 }
 
 impl Piece<'_> {
-    /// Whether its comments do not fit within one line.
+    /// Returns whether the comments of the token do not fit within one line.
     pub(super) fn forces_lines(&self) -> bool {
         self.comments.iter().any(Comment::forces_lines)
     }
 
-    /// Whether it is an operator with a line break before or after it. A closing token is not an operand.
+    /// Returns whether the token is an operator with a line break before or after it. A closing token is not an operand.
     fn is_broken_beside(&self, next: Option<&Self>) -> bool {
         let next = next.filter(|next| ![RightParen, RightBrace, SyntaxKind::End].contains(&next.kind));
         let breaks = |piece: &Self| piece.is_broken || piece.forces_lines();
         breaks(self) || next.is_some_and(breaks)
     }
 
-    /// How many columns its comments take within a line.
+    /// Returns how many columns the comments of the token take within a line.
     pub(super) fn comments_width(&self) -> usize {
         self.comments.iter().map(|comment| comment.text.chars().count() + 1).sum()
     }
 }
 
-/// Returns the tokens of a tree in order; the last one is empty and carries the comments at the end of the file.
+/// Returns the tokens of a tree in order. The last one is empty and carries the comments at the end of the file.
 pub(super) fn pieces<'t>(root: &SyntaxNode, text: &'t str) -> Vec<Piece<'t>> {
     let mut reader =
         Reader { text, offset: 0, pieces: Vec::new(), comments: Vec::new(), newlines: 0, is_broken: false };
@@ -80,8 +80,8 @@ pub(super) fn pieces<'t>(root: &SyntaxNode, text: &'t str) -> Vec<Piece<'t>> {
     pieces
 }
 
-/// Moves the comments before each operator behind it: an operator ends a line and never begins one. Comments are moved before
-/// anything is measured, since they count where they go.
+/// Moves the comments before each operator to the place after it, because an operator ends a line and never begins one. Comments are moved
+/// before anything is measured, because their new place decides the widths.
 fn move_behind_operators(pieces: &mut [Piece<'_>]) {
     for index in 1..pieces.len() {
         let [operator, next] = &mut pieces[index - 1..=index] else { continue };
@@ -97,21 +97,21 @@ fn move_behind_operators(pieces: &mut [Piece<'_>]) {
     }
 }
 
-/// Goes through a tree, token by token.
+/// Walks a tree, token by token.
 struct Reader<'t> {
     text: &'t str,
     /// The first byte of the next token.
     offset: u32,
     pieces: Vec<Piece<'t>>,
     comments: Vec<Comment>,
-    /// Line breaks since the last token or comment.
+    /// The number of line breaks since the last token or comment.
     newlines: usize,
     /// Whether there is a line break since the last token.
     is_broken: bool,
 }
 
 impl Reader<'_> {
-    /// The parser limits how deep nodes nest.
+    /// Reads a node. The recursion is limited, because the parser limits how deep nodes nest.
     fn node(&mut self, node: &rowan::GreenNodeData) {
         let parent = Dca::kind_from_raw(node.kind());
         for child in node.children() {
@@ -152,17 +152,17 @@ impl Reader<'_> {
     }
 }
 
-/// The width of any stretch of tokens in constant time: for each token, the sum of all widths before it. Comments
-/// before the first token of a stretch do not count.
+/// Sums that give the width of any range of tokens in constant time. For each token, there is the sum of all widths before it. Comments
+/// before the first token of a range are not included.
 #[derive(Debug)]
 pub(super) struct Sums {
-    /// Columns in one line, up to the token and up to the comments before it.
+    /// The columns in one line, up to the token, and up to the comments before it.
     columns: Vec<(usize, usize)>,
-    /// Tokens whose comments do not fit within one line.
+    /// The number of tokens whose comments do not fit within one line.
     comments: Vec<u32>,
-    /// Tokens that start a line.
+    /// The number of tokens that start a line.
     lines: Vec<u32>,
-    /// Operators where the author or a comment broke the line.
+    /// The number of operators at which the author or a comment broke the line.
     operators: Vec<u32>,
 }
 
@@ -192,31 +192,31 @@ impl Sums {
         sums
     }
 
-    /// The columns of these tokens in one line, with the blank before the first unless it starts the text, and without
-    /// the comments before the first.
+    /// Returns the columns of these tokens in one line. The blank before the first token is included, unless the token starts the text. The
+    /// comments before the first token are not included.
     pub(super) fn width(&self, range: &Range<usize>) -> usize {
         self.columns[range.end].1.saturating_sub(self.columns[range.start].0)
     }
 
-    /// Whether a comment inside keeps these tokens from standing in one line.
+    /// Returns whether a comment between these tokens prevents that they are in one line.
     pub(super) fn is_commented(&self, range: &Range<usize>) -> bool {
         range.start < range.end && self.comments[range.end] > self.comments[range.start + 1]
     }
 
-    /// Whether there is a line break inside.
+    /// Returns whether there is a line break between these tokens.
     pub(super) fn is_broken(&self, range: &Range<usize>) -> bool {
         range.start < range.end && self.lines[range.end] > self.lines[range.start + 1]
     }
 
-    /// Whether there is a line break at an operator inside.
+    /// Returns whether there is a line break at an operator in this range.
     pub(super) fn is_broken_at_operator(&self, range: &Range<usize>) -> bool {
         self.operators[range.end] > self.operators[range.start]
     }
 }
 
-/// Whether there is a blank between two tokens of one line.
+/// Returns whether two tokens of one line have a blank between them.
 pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
-    // An empty statement: two `;` that touch would be a `;;`.
+    // Empty statements need the blank: two `;` without a blank would be a `;;`.
     if [before, next].iter().all(|piece| [Semicolon, Recur].contains(&piece.kind)) {
         return true;
     }
@@ -246,7 +246,7 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     if next.kind == LeftBracket && next.parent == List {
         return ![LeftParen, LeftBracket].contains(&before.kind);
     }
-    // `in ..5 = 3`, `in 1.. = 3`: an end of a range may be left out.
+    // In `in ..5 = 3` and `in 1.. = 3`, an end of the range is left out.
     if before.parent == SyntaxKind::Range && (before.kind == SyntaxKind::Ident || next.kind == Equals) {
         return true;
     }
@@ -261,7 +261,7 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     next.kind != LeftParen || next.parent == Paren
 }
 
-/// Whether a blank stands between two tokens of a formula or an assignment, where it is not as elsewhere.
+/// Returns whether two tokens of a formula or an assignment have a blank between them, if this differs from other places.
 fn is_apart_in_activity(before: &Piece<'_>, next: &Piece<'_>) -> Option<bool> {
     let signs = [Ampersand, Bang, Bar, Equals, Greater, Less, Minus, Plus, Star];
     let is_sign = |piece: &Piece<'_>| piece.parent == Formula && signs.contains(&piece.kind);
@@ -280,7 +280,7 @@ fn is_apart_in_activity(before: &Piece<'_>, next: &Piece<'_>) -> Option<bool> {
     (is_empty_value || is_enclosed).then_some(before.kind != LeftParen)
 }
 
-/// Whether the node is a list in brackets.
+/// Returns whether the node is a list in brackets.
 pub(super) fn is_bracketed(kind: SyntaxKind) -> bool {
     [Params, Args, Owner, Labels, Binder, List, Record, RecordType].contains(&kind)
 }

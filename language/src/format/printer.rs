@@ -16,7 +16,7 @@ const INDENT: usize = 4;
 pub(super) struct Printer<'t> {
     pub(super) pieces: Vec<Piece<'t>>,
     sums: Sums,
-    /// The next token to be written.
+    /// The next token to write.
     pub(super) cursor: usize,
     out: String,
     /// Characters since the last line break.
@@ -24,13 +24,13 @@ pub(super) struct Printer<'t> {
     pub(super) indent: usize,
     /// Whether the next token starts a line.
     pub(super) starts_line: bool,
-    /// Whether an empty line is allowed before that line.
+    /// Whether an empty line of the source is kept before that line.
     keeps_space: bool,
     /// Whether an empty line is required before that line.
     needs_space: bool,
-    /// Whether nothing has been written yet in the current block.
+    /// Whether nothing has been written in the current block yet.
     is_block_start: bool,
-    /// Whether the last thing written is a comment within a line.
+    /// Whether a comment within a line was written last.
     is_after_comment: bool,
 }
 
@@ -61,7 +61,7 @@ impl<'t> Printer<'t> {
             self.needs_space = index > 0 && !(is_line && was_line);
             was_line = is_line;
             self.node(&item, 0);
-            // Between two items there can only be a surplus `;`.
+            // Between two items, there can only be an extra `;`.
             let end = item.next_sibling().map_or(self.pieces.len() - 1, |next| self.range(&next).start);
             self.flat(&(self.cursor..end));
         }
@@ -74,14 +74,15 @@ impl<'t> Printer<'t> {
 
     // ---- measuring ----
 
-    /// The tokens of a node, which are not written yet.
+    /// Returns the tokens of a node, which must not be written yet.
     pub(super) fn range(&self, node: &SyntaxNode) -> Range<usize> {
         let range = node.text_range();
         let start = self.index(self.cursor, range.start().into());
         start..self.index(start, range.end().into())
     }
 
-    /// The first token at an offset or behind it, which is `from` or one behind; most often it is near.
+    /// Returns the first token at an offset or after it, from the token `from` on. The search is fast if the token is
+    /// near.
     fn index(&self, from: usize, offset: u32) -> usize {
         let rest = &self.pieces[from..];
         let mut near = 1;
@@ -92,18 +93,19 @@ impl<'t> Printer<'t> {
         from + low + rest[low..high].partition_point(|piece| piece.start < offset)
     }
 
-    /// Whether these tokens fit into the current line, with as many columns reserved for the following ones.
+    /// Returns whether these tokens fit into the current line, if `reserve` columns must be left for the following
+    /// tokens.
     pub(super) fn fits(&self, range: &Range<usize>, reserve: usize) -> bool {
         let column = if self.starts_line { self.indent * INDENT } else { self.column };
         column + self.sums.width(range) + reserve <= COLUMNS
     }
 
-    /// Whether the author or a comment broke a line where it may be broken.
+    /// Returns whether the author or a comment broke a line at a place where it may be broken.
     pub(super) fn is_forced(&self, range: &Range<usize>) -> bool {
         self.sums.is_commented(range) || self.sums.is_broken_at_operator(range)
     }
 
-    /// Whether these tokens are in one line.
+    /// Returns whether these tokens can be in one line.
     pub(super) fn is_flat(&self, range: &Range<usize>, reserve: usize) -> bool {
         self.fits(range, reserve) && !self.is_forced(range)
     }
@@ -119,13 +121,13 @@ impl<'t> Printer<'t> {
 
     // ---- writing ----
 
-    /// Starts a new line; an empty line of the source is kept.
+    /// Starts a new line. An empty line of the source is kept.
     pub(super) fn new_line(&mut self) {
         self.starts_line = true;
         self.keeps_space = true;
     }
 
-    /// Starts a new line directly below.
+    /// Starts a new line without an empty line before it.
     pub(super) fn next_line(&mut self) {
         self.starts_line = true;
         self.keeps_space = false;
@@ -148,7 +150,7 @@ impl<'t> Printer<'t> {
         (self.is_block_start, self.is_after_comment) = (false, false);
     }
 
-    /// Writes the comments before the next token, once.
+    /// Writes the comments before the next token, unless they are already written.
     pub(super) fn comments(&mut self) {
         for comment in std::mem::take(&mut self.pieces[self.cursor].comments) {
             if comment.is_own_line {
@@ -181,7 +183,7 @@ impl<'t> Printer<'t> {
 
     // ---- structure ----
 
-    /// Writes a node; `reserve` columns follow it in its last line.
+    /// Writes a node. In its last line, `reserve` columns are left for the following tokens.
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
         if [Process, Instances, Policies, Supervision, External, Connections, Actions, Environment, Verify]
@@ -199,7 +201,7 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// Writes tokens and nodes as they come.
+    /// Writes tokens and nodes in their order.
     pub(super) fn walk(&mut self, node: &SyntaxNode, reserve: usize) {
         let range = self.range(node);
         let has_block = node.last_child().is_some_and(|last| {
@@ -221,14 +223,14 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// Writes tokens in one line, across all nodes.
+    /// Writes these tokens in one line.
     pub(super) fn flat(&mut self, range: &Range<usize>) {
         while self.cursor < range.end {
             self.token();
         }
     }
 
-    /// `word head { part part }`, each part on separate lines.
+    /// Writes `word head { part part }`, with each part on a line of its own.
     fn block(&mut self, node: &SyntaxNode) {
         let mut is_open = false;
         for part in node.children_with_tokens() {
@@ -252,7 +254,7 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// After an opening bracket that ends its line.
+    /// Begins the content of an opening bracket that ends its line.
     pub(super) fn open(&mut self) {
         self.indent += 1;
         let is_empty = self.pieces[self.cursor].kind == RightBrace && self.pieces[self.cursor].comments.is_empty();
@@ -262,7 +264,8 @@ impl<'t> Printer<'t> {
         }
     }
 
-    /// The counterpart: comments before a closing bracket belong to the bracketed part.
+    /// Closes the content before a closing bracket, and writes the bracket. Comments before the bracket belong to the
+    /// content.
     pub(super) fn close(&mut self) {
         let is_empty = self.is_empty_block();
         self.comments();
@@ -278,7 +281,7 @@ impl<'t> Printer<'t> {
         before == Some(LeftBrace) && self.pieces[self.cursor].comments.is_empty()
     }
 
-    /// `( item, item )`: in one line, else one item a line.
+    /// Writes `( item, item )` in one line, or otherwise with one item on each line.
     fn list(&mut self, node: &SyntaxNode, reserve: usize) {
         let range = self.range(node);
         if !self.sums.is_commented(&range) && self.fits(&range, reserve) {

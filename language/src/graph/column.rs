@@ -1,15 +1,15 @@
-//! Assigns members to columns and orders them: the layers run from left to right and cross rarely.
+//! Assigns members to columns and orders them, so that arrows lead from left to right and rarely cross.
 
 use super::model::{End, Link, Unit};
 use std::collections::BTreeMap;
 
-/// How often the order within columns is improved, in either direction.
+/// How often the order within columns is improved, in each direction.
 const SWEEPS: usize = 4;
 
-/// Larger groups are not sorted: their picture is unreadable, and it should not take minutes.
+/// Larger groups are not sorted, because their picture is unreadable and sorting could take minutes.
 const SORTED_MAX: usize = 300;
 
-/// Arrows that start at one port in one set are drawn as one line that forks.
+/// Arrows that start at one port in one set. They are drawn as one line that forks.
 #[derive(Clone, Debug)]
 pub(super) struct Net {
     pub(super) from: End,
@@ -17,12 +17,12 @@ pub(super) struct Net {
     pub(super) links: Vec<usize>,
 }
 
-/// An item that takes room in a column.
+/// An item that needs space in a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Item {
     /// A member.
     Unit(usize),
-    /// A net that passes by.
+    /// A net that passes the column.
     Pass(usize),
 }
 
@@ -31,12 +31,12 @@ pub(super) enum Item {
 pub(super) struct Columns {
     /// The items of each column from top to bottom.
     pub(super) items: Vec<Vec<Item>>,
-    /// The column of each member that is connected to something.
+    /// The column of each connected member.
     pub(super) of: BTreeMap<usize, usize>,
     pub(super) nets: Vec<Net>,
 }
 
-/// Arranges the members that are connected to something.
+/// Arranges the connected members.
 pub(super) fn columns(unit: &Unit) -> Columns {
     let nets = nets(&unit.links);
     let order = order(unit);
@@ -53,7 +53,7 @@ pub(super) fn columns(unit: &Unit) -> Columns {
         let column = before.map(|column| column + 1).max().unwrap_or(0);
         of.insert(member, column);
     }
-    // A source stands next to the consumers it feeds.
+    // A source is placed next to the members that receive its values.
     for &member in order.iter().rev() {
         let has_before = inner.iter().any(|(_, to)| *to == member);
         let after = inner.iter().filter(|(from, _)| *from == member).map(|(_, to)| of[to]).min();
@@ -89,7 +89,8 @@ fn nets(links: &[Link]) -> Vec<Net> {
     nets
 }
 
-/// The connected members in an order in which most arrows go forward; in a very large group, in the order of the text.
+/// Returns the connected members in an order in which most arrows lead forward. A very large group has the order of the
+/// text.
 fn order(unit: &Unit) -> Vec<usize> {
     let inner: Vec<(usize, usize)> = unit.links.iter().filter_map(|link| link.from.unit.zip(link.to.unit)).collect();
     let ends = unit.links.iter().flat_map(|link| [link.from.unit, link.to.unit]).flatten();
@@ -106,7 +107,8 @@ fn order(unit: &Unit) -> Vec<usize> {
             };
             inner.iter().filter(touches).count()
         };
-        // A member without arrows into it, else one that gives more than it takes, else the first.
+        // First comes a member without incoming arrows. Otherwise, it is a member that sends more than it receives, or
+        // else the first.
         let best = left.iter().copied().min_by_key(|&member| {
             let ins = count(member, true);
             let balance = ins.saturating_sub(count(member, false));
@@ -119,7 +121,7 @@ fn order(unit: &Unit) -> Vec<usize> {
     order
 }
 
-/// The columns that a net crosses without stopping.
+/// Returns the columns that a net passes.
 fn passes(net: &Net, links: &[Link], of: &BTreeMap<usize, usize>, count: usize) -> std::ops::Range<usize> {
     let first = net.from.unit.map_or(0, |member| of[&member] + 1);
     let last = net.links.iter().map(|&link| links[link].to.unit.map_or(count, |member| of[&member])).max();
@@ -127,7 +129,7 @@ fn passes(net: &Net, links: &[Link], of: &BTreeMap<usize, usize>, count: usize) 
 }
 
 impl Columns {
-    /// Orders each column by the places of its neighbours.
+    /// Orders each column by the places of the connected items.
     fn sort(&mut self, unit: &Unit) {
         for sweep in 0..SWEEPS * 2 {
             let is_forward = sweep % 2 == 0;
@@ -148,7 +150,7 @@ impl Columns {
         }
     }
 
-    /// The mean place of an item's neighbours in the next column, in thousandths.
+    /// Returns the mean place of the items in the next column that are connected with this item, in thousandths.
     fn centre(&self, unit: &Unit, item: Item, places: &BTreeMap<Item, usize>) -> Option<usize> {
         let mut found = Vec::new();
         for (index, net) in self.nets.iter().enumerate() {

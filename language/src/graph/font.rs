@@ -1,6 +1,6 @@
-//! Estimates the width of a text in the font of the picture. A viewer with another font fits its letters into that width.
+//! Estimates the width of a text in the font of the picture. A viewer with another font must fit the letters into this width.
 
-/// Widths of the printable ASCII characters of Helvetica, in thousandths of the font's size.
+/// The widths of the printable ASCII characters of Helvetica, in thousandths of the font's size.
 /// Source: Adobe, "Font Metrics for PDF Core 14 Fonts", `Helvetica.afm`.
 #[rustfmt::skip]
 const WIDTHS: [i32; 95] = [
@@ -10,10 +10,10 @@ const WIDTHS: [i32; 95] = [
     667, 611, 278, 278, 278, 469, 556, 333, 556, 556, 500, 556, 556, 278, 556, 556, 222, 222, 500,
     222, 833, 556, 556, 556, 556, 333, 500, 278, 556, 500, 722, 500, 500, 500, 334, 260, 334, 584,
 ];
-/// Of any other character.
+/// The width of any other character, in the same unit.
 const OTHER: i32 = 600;
 
-/// Returns the width of a text in pixels, rounded up, in a size in pixels.
+/// Returns the width of a text in pixels, rounded up. `size` is the font's size in pixels.
 pub(super) fn width(text: &str, size: i32, is_bold: bool) -> i32 {
     let of = |c: char| (c as usize).checked_sub(32).and_then(|at| WIDTHS.get(at)).copied().unwrap_or(OTHER);
     let sum = text.chars().take(1000).map(of).sum::<i32>() * size;

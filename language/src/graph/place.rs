@@ -1,11 +1,11 @@
-//! Computes the size of a box and the places of its parts: heights first, column by column.
+//! Computes the size of a box and the places of its parts. The heights come first, column by column.
 
 use super::column::{Columns, Item};
 use super::layout::{GAP, PASS_GAP, PORT_STEP, Placed, TOP};
 use super::model::{End, Link};
 use std::collections::BTreeMap;
 
-/// The heights of everything in the columns of one group.
+/// The heights of all items in the columns of one group.
 #[derive(Debug)]
 pub(super) struct Heights<'a> {
     columns: &'a Columns,
@@ -13,12 +13,12 @@ pub(super) struct Heights<'a> {
     inner: &'a [Placed],
     /// The upper edge of each item of each column.
     pub(super) tops: Vec<BTreeMap<Item, i32>>,
-    /// Where the lowest item ends.
+    /// The lower edge of the lowest item.
     pub(super) bottom: i32,
 }
 
 impl<'a> Heights<'a> {
-    /// Stacks the items of each column as close to their neighbours as they fit.
+    /// Stacks the items of each column, each as close as possible to the items that it is connected with.
     pub(super) fn new(columns: &'a Columns, links: &'a [Link], inner: &'a [Placed]) -> Self {
         let count = columns.items.len();
         let mut heights = Self { columns, links, inner, tops: vec![BTreeMap::new(); count], bottom: TOP };
@@ -53,7 +53,7 @@ impl<'a> Heights<'a> {
         self.tops[column] = tops;
     }
 
-    /// The place of an item at which its arrows from or to another column would run straight, on average.
+    /// Returns the place of an item at which its arrows to or from another column would be straight, on average.
     fn wish(&self, item: Item, other: usize) -> Option<i32> {
         let mut wishes = Vec::new();
         for (index, net) in self.columns.nets.iter().enumerate() {
@@ -75,7 +75,7 @@ fn end_item(end: End) -> Option<Item> {
     end.unit.map(Item::Unit)
 }
 
-/// The height of an item.
+/// Returns the height of an item.
 pub(super) fn height(item: Item, inner: &[Placed]) -> i32 {
     match item {
         Item::Unit(member) => inner[member].height,
@@ -83,7 +83,7 @@ pub(super) fn height(item: Item, inner: &[Placed]) -> i32 {
     }
 }
 
-/// Where a port of an item is, below the item's upper edge.
+/// Returns the distance of a port from the upper edge of its item.
 pub(super) fn offset(item: Item, port: usize, inner: &[Placed]) -> i32 {
     match item {
         Item::Unit(member) => inner[member].ports[port].1,

@@ -1,5 +1,5 @@
-//! Arrows: straight pieces through the channels between columns. Each net has its own lane in a channel where it
-//! changes its height; nets that lead backwards go below all boxes.
+//! Routes arrows in straight pieces through the channels between columns. Each net has its own lane in each channel
+//! where it changes its height. Nets that lead backwards are drawn below all boxes.
 
 use super::column::{Columns, Item};
 use super::layout::{PORT_STEP, Placed, TOP, label_width, labels};
@@ -8,22 +8,22 @@ use super::place::{Heights, offset};
 use crate::check::spec::Direction;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// From one lane to the next.
+/// The distance between two lanes.
 const LANE: i32 = 9;
-/// Nets that end at one port are this far apart, if there is room.
+/// The distance between nets that end at one port, if there is enough space.
 const FAN_STEP: i32 = 3;
-/// The room for all of them: ports are further apart.
+/// The space for all nets that end at one port. It is less than the distance between two ports.
 const FAN: i32 = PORT_STEP - 4;
-/// The room between boxes and the first lane.
+/// The space between boxes and the nearest lane.
 const MARGIN: i32 = 14;
 
-/// Where a group's columns and arrows are.
+/// The places of a group's columns and arrows.
 pub(super) struct Routes {
     /// The left edge and the width of each column.
     pub(super) xs: Vec<(i32, i32)>,
     pub(super) width: i32,
     pub(super) bottom: i32,
-    /// Where the group's own ports are.
+    /// The places of the group's own ports.
     pub(super) border: Vec<(i32, i32)>,
     /// The corners of each link.
     pub(super) lines: Vec<Vec<(i32, i32)>>,
@@ -32,11 +32,11 @@ pub(super) struct Routes {
 /// A change of height in a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Turn {
-    /// Belongs to a net that continues to the right.
+    /// The turn of a net that continues to the right.
     Net(usize),
-    /// Down to a lane below the boxes.
+    /// The turn down to a lane below the boxes.
     Out(usize),
-    /// Up from it.
+    /// The turn up from that lane.
     Back(usize),
 }
 
@@ -47,7 +47,7 @@ pub(super) struct Router<'a> {
     inner: &'a [Placed],
     /// The height of each port of the group itself.
     border: Vec<i32>,
-    /// How far above or below its port a net ends that is not the only one there.
+    /// How far above or below its port a net ends. This is for nets that share their port with other nets.
     fan: BTreeMap<(End, usize), i32>,
 }
 
@@ -69,8 +69,8 @@ impl<'a> Router<'a> {
         router
     }
 
-    /// Nets that end at one port end side by side, in the order in which they come: nets drawn over each other would
-    /// look like one line.
+    /// Returns the ends of nets that share a port. They end next to each other, in the order in which they arrive,
+    /// because nets on top of each other would look like one line.
     fn fans(&self) -> BTreeMap<(End, usize), i32> {
         let mut ends: BTreeMap<End, BTreeSet<(bool, i32, usize)>> = BTreeMap::new();
         for (index, net) in self.columns.nets.iter().enumerate() {
@@ -86,14 +86,14 @@ impl<'a> Router<'a> {
             let last = i32::try_from(nets.len()).unwrap_or(i32::MAX).saturating_sub(1);
             let step = (FAN / last.max(1)).clamp(1, FAN_STEP);
             for (place, (.., net)) in (0..).zip(nets) {
-                // More than there is room for end at one place.
+                // If there are too many nets, some end at the same place.
                 fans.entry((end, net)).or_insert((place * step - last * step / 2).clamp(-FAN / 2, FAN / 2));
             }
         }
         fans
     }
 
-    /// The height at which a net ends at a port.
+    /// Returns the height at which a net ends at a port.
     fn arrival(&self, net: usize, end: End) -> i32 {
         self.height(end) + self.fan.get(&(end, net)).copied().unwrap_or(0)
     }
@@ -102,7 +102,7 @@ impl<'a> Router<'a> {
         self.columns.items.len()
     }
 
-    /// The height at which the arrow of a border port would run straight.
+    /// Returns the height at which the arrow of a border port would be straight.
     fn wish(&self, port: usize) -> i32 {
         let border = End { unit: None, port };
         for (index, net) in self.columns.nets.iter().enumerate() {
@@ -122,7 +122,7 @@ impl<'a> Router<'a> {
         end.unit.filter(|member| self.columns.of.get(member) == Some(&column)).map(|_| self.height(end))
     }
 
-    /// The height of an end.
+    /// Returns the height of an end.
     fn height(&self, end: End) -> i32 {
         let Some(member) = end.unit else { return self.border[end.port] };
         let item = Item::Unit(member);
@@ -130,13 +130,13 @@ impl<'a> Router<'a> {
         top.copied().unwrap_or(TOP) + offset(item, end.port, self.inner)
     }
 
-    /// The height at which a net passes a column.
+    /// Returns the height at which a net passes a column.
     fn pass(&self, net: usize, column: usize) -> Option<i32> {
         let top = self.heights.tops.get(column)?.get(&Item::Pass(net))?;
         Some(top + offset(Item::Pass(net), 0, self.inner))
     }
 
-    /// The first channel right of an end, and the channel left of it.
+    /// Returns the first channel to the right of a source, or the last channel to the left of a target.
     fn channels(&self, end: End, is_source: bool) -> usize {
         match end.unit {
             Some(member) => self.columns.of[&member] + usize::from(is_source),
@@ -150,7 +150,8 @@ impl<'a> Router<'a> {
         self.channels(link.to, false) < self.channels(link.from, true)
     }
 
-    /// The heights between which a net changes in a channel: on the left, and all on the right.
+    /// Returns the heights between which a net changes in a channel: the height on the left, and all heights on the
+    /// right.
     fn turn(&self, net: usize, channel: usize) -> Option<(i32, Vec<i32>)> {
         let source = self.columns.nets[net].from;
         let first = self.channels(source, true);
@@ -169,8 +170,8 @@ impl<'a> Router<'a> {
         Some((left, right))
     }
 
-    /// Returns the turns of each channel, from left to right: first those that go back out, then falling, rising and
-    /// returning ones.
+    /// Returns the turns of each channel, from left to right. First come arrows that leave backwards, then falling
+    /// nets, rising nets, and arrows that return from below.
     fn lanes(&self) -> Vec<Vec<Turn>> {
         let mut lanes: Vec<Vec<((i32, i32), Turn)>> = vec![Vec::new(); self.count() + 1];
         for net in 0..self.columns.nets.len() {
@@ -194,7 +195,7 @@ impl<'a> Router<'a> {
         sorted.collect()
     }
 
-    /// Finds the way of every arrow; `margins` is the room for the names of the group's own ports.
+    /// Finds the path of every arrow. `margins` is the space for the names of the group's own ports.
     pub(super) fn routes(&self, margins: (i32, i32)) -> Routes {
         let lanes = self.lanes();
         let mut lane_x: BTreeMap<(usize, Turn), i32> = BTreeMap::new();
@@ -231,7 +232,7 @@ impl<'a> Router<'a> {
         self.border.iter().map(|y| y + PORT_STEP / 2).max().unwrap_or(0).max(self.heights.bottom)
     }
 
-    /// The room that the labels of arrows need that start in a channel.
+    /// Returns the space for the labels of arrows that start in a channel.
     fn labels_width(&self, channel: usize) -> i32 {
         let here = labels(self.unit).into_iter().map(|(link, indent)| (&self.unit.links[link], indent));
         let here = here.filter(|(link, _)| self.channels(link.from, true) == channel);

@@ -1,7 +1,7 @@
 //! Completes the word at the cursor.
 //!
-//! A rare letter is inserted at the cursor and the text is read again: so there is always a word at the cursor, and the
-//! parser, which accepts any text, gives the kind of word.
+//! A rare letter is inserted at the cursor, and the text is read again. So there is always a word at the cursor. The parser accepts any
+//! text, so it gives the kind of this word.
 
 mod names;
 mod place;
@@ -17,7 +17,7 @@ use crate::syntax::ast::{Node, catches};
 /// The mark at the cursor: a letter that no spec has.
 const MARK: char = 'ꙮ';
 
-/// The kind of an offer.
+/// The kind of a completion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CompletionKind {
     /// A word of the language.
@@ -42,18 +42,18 @@ pub enum CompletionKind {
     Unit,
 }
 
-/// An offer for the word at the cursor.
+/// A completion for the word at the cursor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Completion {
-    /// The kind of the offer.
+    /// The kind of the completion.
     pub kind: CompletionKind,
-    /// The text to write.
+    /// The text that is inserted.
     pub label: String,
-    /// A short description; may be empty.
+    /// A short description. It may be empty.
     pub detail: String,
-    /// The documentation in Markdown; may be empty.
+    /// The documentation in Markdown. It may be empty.
     pub documentation: String,
-    /// The text to write instead of the label, with `$0` and `${1:name}` where something is to be filled in.
+    /// The text that is inserted instead of the label. `$0` and `${1:name}` mark the parts that the user fills in.
     pub snippet: Option<String>,
 }
 
@@ -72,8 +72,8 @@ impl Completion {
 }
 
 impl Analysis {
-    /// Returns what could stand at a byte offset of the spec, the likeliest first, whatever has been typed of it already; and
-    /// the bytes of that.
+    /// Returns the bytes of the word at a byte offset of the spec, and the words that could replace it. The likeliest come first, whatever
+    /// is already typed.
     pub fn complete(&self, offset: usize) -> (std::ops::Range<usize>, Vec<Completion>) {
         let text = &self.spec.text;
         let offset = text.floor_char_boundary(offset);
@@ -83,7 +83,7 @@ impl Analysis {
         let end = text[offset..].find(|c| !part(c)).map_or(text.len(), |length| offset + length);
         let marked = Source { text: format!("{}{MARK}{}", &text[..offset], &text[offset..]), ..self.spec.clone() };
         let marked = Self::new(marked, self.others.clone(), &self.options);
-        // A partly typed number is not a name.
+        // A number that is only partly typed is not a name.
         let start = text[start..offset].find(|c: char| !c.is_ascii_digit()).map_or(offset, |digits| start + digits);
         (start..end, marked.candidates(offset))
     }
@@ -92,7 +92,7 @@ impl Analysis {
     fn candidates(&self, offset: usize) -> Vec<Completion> {
         let Some(token) = self.token_at(offset) else { return Vec::new() };
         let Some(at) = place::Cursor::new(&token) else { return Vec::new() };
-        // The string of a formula also consists of names.
+        // The string of a formula also contains names.
         let is_word = match at.parent.kind() {
             SyntaxKind::Sentence => [SyntaxKind::Ident, SyntaxKind::Text].contains(&token.kind()),
             _ => token.kind() == SyntaxKind::Ident,
@@ -131,7 +131,7 @@ impl Analysis {
         found
     }
 
-    /// `instance, Port`
+    /// Returns the completions for `instance, Port`.
     fn end_of_connection(&self, at: &place::Cursor) -> Vec<Completion> {
         if at.place == 0 {
             return if at.begins_statement() { self.instances(at) } else { keywords(Place::Quality) };
@@ -147,7 +147,7 @@ impl Analysis {
         found
     }
 
-    /// A type: of an instance, of a parameter, or of messages.
+    /// Returns the completions for a type of an instance, of a parameter, or of messages.
     fn types(&self, at: &place::Cursor) -> Vec<Completion> {
         match at.grand.as_ref().map(Node::kind) {
             Some(SyntaxKind::Instance) if at.before != "instof" => inside("instof"),
@@ -159,7 +159,7 @@ impl Analysis {
     }
 }
 
-/// The words of a place.
+/// Returns the words of the language for a place.
 fn keywords(place: Place) -> Vec<Completion> {
     words::at(place).map(keyword).collect()
 }
@@ -174,7 +174,7 @@ fn keyword(word: &words::Word) -> Completion {
     offer
 }
 
-/// The types that a parameter can have.
+/// Returns the types that a parameter can have.
 fn value_types() -> Vec<Completion> {
     let plain = [
         ("Host", "a host"),

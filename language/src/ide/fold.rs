@@ -6,7 +6,7 @@ use crate::syntax::SyntaxKind;
 use crate::syntax::ast::Node;
 
 impl Analysis {
-    /// Returns the foldable spans, in the order of the text; a part of one line is included.
+    /// Returns the foldable spans, in the order of the text. Parts of one line are included.
     pub fn folds(&self) -> Vec<Span> {
         let mut folds = Vec::new();
         let mut parts: Vec<Node> = self.trees()[0].children().collect();

@@ -1,11 +1,11 @@
-//! Classifies each token by the meaning of its name. A grammar of patterns cannot.
+//! Classifies each token by the meaning of its name, which a grammar of patterns cannot find.
 
 use super::Analysis;
 use super::index::{Index, Kind};
 use crate::source::{Origin, Span};
 use crate::syntax::{SyntaxKind, SyntaxToken};
 
-/// The class of a token, for its colour.
+/// The class of a token, which decides its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
     /// A word of the language.
@@ -37,11 +37,11 @@ pub enum Class {
 /// A token with its class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Highlight {
-    /// The place; a comment may have several lines.
+    /// The place of the token. A comment may have several lines.
     pub span: Span,
     /// The class of the token.
     pub class: Class,
-    /// Whether it declares the name.
+    /// Whether the token declares the name.
     pub is_declaration: bool,
 }
 
@@ -86,7 +86,7 @@ fn class(kind: Kind) -> Class {
     }
 }
 
-/// A word that is not a known name.
+/// Returns the class of a word that is not a known name.
 fn word(token: &SyntaxToken) -> Option<Class> {
     let parent = token.parent()?;
     let before = token.siblings_with_tokens(rowan::Direction::Prev).skip(1).filter_map(rowan::NodeOrToken::into_token);
@@ -104,7 +104,7 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         SyntaxKind::Run if is_first && ["skip", "never"].contains(&token.text()) => Some(Class::Keyword),
         SyntaxKind::Index | SyntaxKind::Count => Some(Class::Variable),
         SyntaxKind::Claim if is_first => Some(Class::Parameter),
-        // A keyword in the place of a name.
+        // Here, a keyword is in the position of a name.
         SyntaxKind::Arm if token.text() == "else" => Some(Class::Keyword),
         SyntaxKind::Resources if is_first && token.text() == "resource" => Some(Class::Keyword),
         SyntaxKind::Until if is_first => Some(Class::Keyword),
@@ -133,7 +133,7 @@ fn word(token: &SyntaxToken) -> Option<Class> {
     }
 }
 
-/// Punctuation is an operator where it joins something.
+/// Returns whether a punctuation mark is an operator, because it joins two parts.
 fn is_operator(kind: SyntaxKind, token: &SyntaxToken) -> bool {
     let joins = [
         SyntaxKind::Concurrent,

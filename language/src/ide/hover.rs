@@ -1,4 +1,4 @@
-//! Describes the name, operator or unit under the pointer.
+//! Describes the name, operator or unit at the pointer.
 
 pub(super) mod interface;
 
@@ -15,7 +15,7 @@ use crate::unit;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-/// The most names that are listed.
+/// The largest number of names in one list.
 const NAMES_MAX: usize = 12;
 
 /// The description of a place.
@@ -60,7 +60,7 @@ impl Analysis {
         }
     }
 
-    /// A named constant, in SI units.
+    /// Returns the text of a named constant, in SI units.
     fn constant_text(&self, name: &str) -> String {
         let Some(constant) = self.model.consts.get(name) else { return String::new() };
         let values = constant.values.iter().take(NAMES_MAX).map(Value::to_string);
@@ -79,7 +79,7 @@ impl Analysis {
         )
     }
 
-    /// A tag, and its process.
+    /// Returns the text of an outcome, with its processes.
     fn outcome_text(&self, name: &str) -> String {
         let mut owners = Vec::new();
         let mut shown = name.to_owned();
@@ -93,7 +93,7 @@ impl Analysis {
         format!("{}\nAn outcome of {}.", code(&shown), list(owners.into_iter()))
     }
 
-    /// `name: Type = value` and the dimension of its type.
+    /// Returns the text of a parameter: `name: Type = value`, and the dimension of its type.
     fn param_text(&self, owner: Target, place: usize) -> String {
         let (param, name, is_start) = match owner {
             Target::Process(process) => {
@@ -137,12 +137,12 @@ impl Analysis {
         text
     }
 
-    /// The written name of an instance; for an element of an array, the name of the array.
+    /// Returns the name of an instance in the text. For an element of an array, this is the name of the array.
     fn written(&self, instance: &Instance) -> &str {
         self.text(instance.name.span)
     }
 
-    /// The hosts of everything that is made of an instance.
+    /// Returns the hosts of everything in the plan that comes from an instance.
     fn hosts_of(&self, process: usize, slot: usize) -> Vec<String> {
         let Some(plan) = &self.plan else { return Vec::new() };
         let (group, name) = (&self.model.processes[process], &self.model.processes[process].instances[slot].name.text);
@@ -154,7 +154,7 @@ impl Analysis {
         hosts.into_iter().filter_map(|host| plan.hosts.get(host as usize).cloned()).collect()
     }
 
-    /// A connection set in its written form.
+    /// Returns a connection set in the form of a spec.
     fn set_text(&self, process: usize, set: &Set) -> String {
         let group = &self.model.processes[process];
         let name = |slot: usize| self.written(&group.instances[slot]);
@@ -183,7 +183,7 @@ fn unit_text(token: &SyntaxToken) -> Option<String> {
     Some(format!("`1 {}` is `{factor}` in SI units.{kind}", token.text()))
 }
 
-/// The meaning of a word of a sentence, or of the formula in it.
+/// Returns the meaning of a word of a sentence, or of its formula.
 fn in_sentence(token: &SyntaxToken, offset: usize) -> Option<Hover> {
     let parent = token.parent().filter(|parent| parent.kind() == SyntaxKind::Sentence)?;
     let offset = u32::try_from(offset).ok()?;
@@ -211,12 +211,12 @@ fn word_text(token: &SyntaxToken) -> Option<String> {
     words::find(token.text(), places).map(|word| word.meaning.to_owned())
 }
 
-/// A block of the language.
+/// Returns a block of code in the language.
 fn code(text: &str) -> String {
     format!("```dca\n{text}\n```")
 }
 
-/// Names in a sentence.
+/// Lists names in a sentence.
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let names: Vec<String> = names.map(|name| format!("`{name}`")).collect();
     let shown = names.len().min(NAMES_MAX);

@@ -1,7 +1,7 @@
 //! The index of all names of a spec: the declaration of each, and every place where it is used.
 //!
-//! Declarations come from the checker's result, references from a walk over the trees that asks it. So a name, even a
-//! lenient one, means the same here as at run time.
+//! Declarations come from the checker's result. References come from a walk over the trees, which uses this result. So
+//! each name, also a lenient one, has the same meaning here as at run time.
 
 mod walk;
 
@@ -20,61 +20,61 @@ pub(super) enum Kind {
     Type(usize),
     /// A field of a record.
     Field,
-    /// A parameter, of which type.
+    /// A parameter, with its type and its index.
     Param(Target, usize),
-    /// An instance: the process it is in, and its slot; of an array the first one.
+    /// An instance, with its process and its slot. An array has the slot of its first instance.
     Instance(usize, usize),
-    /// An external port: of which process.
+    /// An external port, with its process and its index.
     Export(usize, usize),
-    /// A port of a module.
+    /// A port of a module, with its module and its index.
     Port(usize, usize),
-    /// A connection set of a process.
+    /// A connection set, with its process and its index.
     Label(usize, usize),
     /// The variable of `all i in 0..4`.
     Variable,
-    /// A resource that `using` takes: the process and the resource in it.
+    /// A resource that `using` takes, with its process and its index.
     Resource(usize, usize),
-    /// A tag that some process can end with. One word is one outcome, whichever process declares it: they meet in a
-    /// `match`.
+    /// A tag that a process can end with. The same word is always the same outcome, whichever process declares it,
+    /// because a `match` does not distinguish them.
     Outcome,
 }
 
-/// A name that is declared somewhere.
+/// A declared name.
 #[derive(Clone, Debug)]
 pub(super) struct Symbol {
     pub(super) kind: Kind,
-    /// As it is declared.
+    /// The name at its declaration.
     pub(super) name: String,
     pub(super) declaration: Span,
 }
 
-/// All names of a spec, of the files it uses and of the interfaces.
+/// All names of a spec, of its files and of the interfaces.
 #[derive(Debug, Default)]
 pub(super) struct Index {
     pub(super) symbols: Vec<Symbol>,
-    /// The symbol at each span, declarations included.
+    /// The symbol at each span. Declarations are included.
     places: BTreeMap<Span, usize>,
 }
 
-/// Where to look a name up: by the symbol that it belongs to and its text.
+/// Tables for looking names up, by the symbol that they belong to and their text.
 #[derive(Debug, Default)]
 struct Tables {
     /// The symbol that is declared at each span.
     declared: BTreeMap<Span, usize>,
     consts: BTreeMap<String, usize>,
-    /// The instances of each process, by the names they can be called by exactly.
+    /// The instances of each process, by their exact names.
     instances: BTreeMap<(usize, String), usize>,
     /// The connection sets of an instance, by label.
     labels: BTreeMap<(usize, String), usize>,
     outcomes: BTreeMap<String, usize>,
     /// The symbols of resources, by process and name.
     resources: BTreeMap<(usize, String), usize>,
-    /// The instances that an event action runs, by the place of the action.
+    /// The instances that event actions run, by the place of the action.
     runs: BTreeMap<Span, usize>,
 }
 
 impl Index {
-    /// Makes the index; `text` returns the text of a span.
+    /// Makes the index. `text` returns the text of a span.
     pub(super) fn new<'t>(model: &Spec, trees: &[Node], text: &dyn Fn(Span) -> &'t str) -> Self {
         let mut index = Self::default();
         let mut tables = Tables::default();
@@ -120,12 +120,13 @@ impl Index {
         index
     }
 
-    /// The symbol at a byte offset of the spec, also directly after its last character.
+    /// Returns the symbol at a byte offset of the spec. The offset may be directly after the last character of the
+    /// name.
     pub(super) fn at(&self, offset: usize) -> Option<usize> {
         self.place_at(offset).map(|(_, symbol)| symbol)
     }
 
-    /// The symbol at a byte offset of the spec, and its place there.
+    /// Returns the symbol at a byte offset of the spec, with the span of the name.
     pub(super) fn place_at(&self, offset: usize) -> Option<(Span, usize)> {
         let offset = u32::try_from(offset).ok()?;
         let last = Span { origin: Origin::Spec, start: offset, end: u32::MAX };
@@ -134,22 +135,22 @@ impl Index {
         found.map(|(&span, &symbol)| (span, symbol))
     }
 
-    /// Returns the symbol of exactly this span.
+    /// Returns the symbol with exactly this span.
     pub(super) fn of(&self, span: Span) -> Option<&Symbol> {
         self.places.get(&span).map(|&symbol| &self.symbols[symbol])
     }
 
-    /// All names and their meanings, in the order of the text.
+    /// Returns all names and their meanings, in the order of the text.
     pub(super) fn all(&self) -> impl Iterator<Item = (Span, usize)> + '_ {
         self.places.iter().map(|(&span, &symbol)| (span, symbol))
     }
 
-    /// The places of a symbol.
+    /// Returns the places of a symbol.
     pub(super) fn places(&self, symbol: usize) -> impl Iterator<Item = Span> + '_ {
         self.all().filter(move |(_, other)| *other == symbol).map(|(span, _)| span)
     }
 
-    /// Adds a declaration, unless it exists: the instances of an array are declared in one place.
+    /// Adds a declaration, unless it exists. All instances of an array are declared in one place.
     fn add(&mut self, tables: &mut Tables, kind: Kind, name: &Name) -> usize {
         if let Some(&known) = tables.declared.get(&name.span) {
             return known;

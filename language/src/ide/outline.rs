@@ -31,15 +31,15 @@ pub enum OutlineKind {
 pub struct Symbol {
     /// The kind of the declaration.
     pub kind: OutlineKind,
-    /// Its name.
+    /// The name of the declaration.
     pub name: String,
-    /// The type of an instance or the owner of a set; may be empty.
+    /// The type of an instance, or the owner of a set. It may be empty.
     pub detail: String,
-    /// All of it.
+    /// The span of the whole declaration.
     pub span: Span,
-    /// Its name's place.
+    /// The span of the name.
     pub name_span: Span,
-    /// The declarations inside.
+    /// The inner declarations.
     pub children: Vec<Self>,
 }
 

@@ -1,7 +1,7 @@
-//! Renames a declaration and everything that means it.
+//! Renames a declaration and all its uses.
 //!
-//! A rename is right when every name of the new text means the same as before. This is checked by reading the new text,
-//! so it covers every rule of the language by which a name could change its meaning.
+//! A rename is correct when every name of the new text has the same meaning as in the old text. This is checked by
+//! reading the new text, so the check covers every rule of the language.
 
 use super::index::{Index, Kind};
 use super::{Analysis, Declaration};
@@ -9,13 +9,13 @@ use crate::source::{Origin, Role, Source, Span};
 use crate::syntax::{SyntaxKind, lex};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The longest name.
+/// The longest name, in bytes.
 const NAME_MAX: usize = 200;
 
-/// Why something cannot have another name.
+/// The reason why a rename is not possible.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RenameError {
-    /// No declared name stands at that place.
+    /// That place has no declared name.
     #[error("there is nothing here that has a name of its own")]
     Nameless,
     /// The name is declared in the interface of a program.
@@ -26,7 +26,7 @@ pub enum RenameError {
         /// The program that declares it.
         program: String,
     },
-    /// The language gives it its meaning.
+    /// The declaration is `main`, which has a meaning in the language.
     #[error("`main` is where a deployment starts, so its name stays")]
     Main,
     /// The new text cannot be a name.
@@ -35,7 +35,7 @@ pub enum RenameError {
         /// The new name.
         to: String,
     },
-    /// Something around it is called so.
+    /// Another declaration in the same scope already has this name.
     #[error("`{to}` is taken: {what} has this name")]
     Acquisition {
         /// The new name.
@@ -43,41 +43,41 @@ pub enum RenameError {
         /// The present owner of the name, such as "an instance of `main`".
         what: String,
     },
-    /// Some name would mean something else.
+    /// Another name would change its meaning.
     #[error("with `{to}` some name in {file} would mean something else")]
     Meaning {
         /// The new name.
         to: String,
-        /// In which text.
+        /// The text with this name.
         file: String,
     },
 }
 
-/// A change in one of several texts.
+/// An edit in one of several texts.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct FileEdit {
-    /// Name of the source.
+    /// The name of the source.
     pub file: String,
-    /// First byte of the replaced text.
+    /// The first byte of the replaced text.
     pub start: u32,
-    /// One after its last byte.
+    /// The byte after the replaced text.
     pub end: u32,
     /// The new text.
     pub text: String,
 }
 
 impl Analysis {
-    /// Returns the place of the name at a byte offset of the spec, if it can have another one.
+    /// Returns the place of the name at a byte offset of the spec, if it can be renamed.
     ///
     /// # Errors
-    /// No name stands there, or this text may not change it.
+    /// If that place has no name, or this text may not rename it.
     pub fn prepare_rename(&self, offset: usize) -> Result<Span, RenameError> {
         let (span, symbol) = self.index().place_at(offset).ok_or(RenameError::Nameless)?;
         self.check_own(symbol)?;
         Ok(span)
     }
 
-    /// Whether the texts at hand are all that declare a symbol.
+    /// Checks that no program declares the symbol, and that the symbol is not `main`.
     fn check_own(&self, symbol: usize) -> Result<(), RenameError> {
         let is_foreign = |span: &Span| span.origin != Origin::Spec && self.source(*span).role != Role::Part;
         let foreign = self.index().places(symbol).find(is_foreign);
@@ -90,7 +90,7 @@ impl Analysis {
         if is_main { Err(RenameError::Main) } else { Ok(()) }
     }
 
-    /// Returns the owner of the name `to` among symbols of the same sort, if there is one.
+    /// Returns the owner of the name `to` among symbols of the same kind and scope, if there is one.
     fn taken(&self, symbol: usize, to: &str) -> Option<String> {
         let kind = self.index().symbols[symbol].kind;
         let group = |process: usize| self.model.processes[process].name.text.as_str();
@@ -124,7 +124,7 @@ impl Analysis {
         is_taken.then_some(what)
     }
 
-    /// The edits of this spec and of the files it uses.
+    /// Returns the edits of this spec and of its files.
     fn rename_edits(&self, symbol: usize, to: &str) -> Vec<(Span, String)> {
         let name = &self.index().symbols[symbol].name;
         let edit = |span: Span| {
@@ -135,7 +135,7 @@ impl Analysis {
         self.index().places(symbol).map(edit).collect()
     }
 
-    /// The same spec with other texts.
+    /// Returns the same spec with the edits applied to all texts.
     fn with(&self, edits: &[(Span, String)]) -> Self {
         let of = |origin: Origin, source: &Source| {
             let own = edits.iter().filter(|(span, _)| span.origin == origin);
@@ -146,12 +146,12 @@ impl Analysis {
     }
 }
 
-/// Returns the edits that rename a declaration in all of the texts, each once. The specs have to be all that may use
-/// the name; unrelated ones are left alone.
+/// Returns the edits that rename a declaration in all of the texts. Each edit occurs once. `specs` must contain all
+/// specs that may use the name. Other specs among them stay unchanged.
 ///
 /// # Errors
-/// A sentence for a person: the name belongs to another text, is not a valid name, is taken, or would change the
-/// meaning.
+/// The error is a sentence for a person: the name belongs to another text, is not a valid name, is taken, or would
+/// change a meaning.
 pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Result<Vec<FileEdit>, RenameError> {
     if !is_name(to) {
         return Err(RenameError::Invalid { to: to.to_owned() });
@@ -173,7 +173,7 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
         }
         let own = spec.rename_edits(symbol, to);
         let renamed = spec.with(&own);
-        // Names outside the index would be left unchanged.
+        // A broken plan shows that names outside the index were left unchanged.
         let is_broken = spec.plan().is_some() && renamed.plan().is_none();
         if is_broken || !same_meaning(spec.index(), renamed.index(), &own) {
             return Err(RenameError::Meaning { to: to.to_owned(), file: spec.spec.name.clone() });
@@ -188,7 +188,7 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
     if is_known { Ok(edits.into_iter().collect()) } else { Err(RenameError::Nameless) }
 }
 
-/// Whether a text is one name.
+/// Returns whether a text is one name.
 fn is_name(text: &str) -> bool {
     let tokens = lex(text);
     text.len() <= NAME_MAX && tokens.len() == 1 && tokens[0].kind == SyntaxKind::Ident
@@ -198,7 +198,8 @@ fn is_element(rest: &str) -> bool {
     rest.strip_prefix('_').is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// Whether each name means the same as before: the same places, moved by the edits, have the same declarations.
+/// Returns whether each name has the same meaning as before: after the edits moved them, the same places have the same
+/// declarations.
 fn same_meaning(before: &Index, after: &Index, edits: &[(Span, String)]) -> bool {
     let moved: BTreeMap<Span, Span> = before.all().map(|(span, _)| (span, moved(span, edits))).collect();
     let old = before.all().map(|(span, symbol)| (moved[&span], moved[&before.symbols[symbol].declaration]));
@@ -206,7 +207,7 @@ fn same_meaning(before: &Index, after: &Index, edits: &[(Span, String)]) -> bool
     old.eq(new)
 }
 
-/// Where a span lies after the edits.
+/// Returns the place of a span after the edits.
 fn moved(span: Span, edits: &[(Span, String)]) -> Span {
     let (mut start, mut end) = (i64::from(span.start), i64::from(span.end));
     for (edit, text) in edits.iter().filter(|(edit, _)| edit.origin == span.origin) {
@@ -222,7 +223,7 @@ fn moved(span: Span, edits: &[(Span, String)]) -> Span {
     Span { start: offset(start), end: offset(end), ..span }
 }
 
-/// A text with edits, which are in its order.
+/// Returns a text with these edits. They must be in the order of the text.
 fn edited<'a>(text: &str, edits: impl Iterator<Item = &'a (Span, String)>) -> String {
     let mut edited = String::with_capacity(text.len());
     let mut end = 0;

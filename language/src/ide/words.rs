@@ -13,21 +13,21 @@ pub(super) enum Place {
     ModuleItem,
     /// Where an event action begins.
     Action,
-    /// Behind an event action.
+    /// After an event action.
     Suffix,
-    /// Behind a connection.
+    /// After a connection.
     Quality,
-    /// In the braces behind an instance.
+    /// In the braces after an instance.
     Policy,
     /// In the supervision of a group.
     Rule,
-    /// An operator; nothing to complete.
+    /// An operator, which is not completed.
     Operator,
-    /// Inside something else.
+    /// Inside another construct.
     Inside,
     /// Where a sentence of a `verify` block begins.
     Sentence,
-    /// Inside such a sentence.
+    /// Inside a sentence of a `verify` block.
     InSentence,
     /// An event or state, after the name of a process in a sentence.
     Event,
@@ -40,19 +40,19 @@ pub(super) enum Place {
 pub(super) struct Word {
     pub(super) place: Place,
     pub(super) text: &'static str,
-    /// The text to insert, with `$0` for the cursor and `${1:name}` for a part to be filled in.
+    /// The text to insert. `$0` is the cursor, and `${1:name}` is a part that the user fills in.
     pub(super) snippet: &'static str,
-    /// Its meaning, in a sentence or two.
+    /// The meaning, in a sentence or two.
     pub(super) meaning: &'static str,
 }
 
-/// Returns the word or operator with this spelling, at the most likely place.
+/// Returns the word or operator with this text, at the most likely place.
 pub(super) fn find(text: &str, places: &[Place]) -> Option<&'static Word> {
     let text = if text == ":;" { ";;" } else { text };
     WORDS.iter().find(|word| word.text == text && places.contains(&word.place))
 }
 
-/// Returns the word that is a part of a sentence, by one of its words: `can` of `can finish`.
+/// Returns the word of a sentence that contains this part: `can` finds `can finish`.
 pub(super) fn in_sentence(text: &str) -> Option<&'static Word> {
     let exact = find(text, &[Place::Event, Place::Sentence, Place::InSentence]);
     let places = [Place::Sentence, Place::InSentence];
@@ -60,7 +60,7 @@ pub(super) fn in_sentence(text: &str) -> Option<&'static Word> {
     exact.or_else(|| WORDS.iter().find(holds))
 }
 
-/// Returns the words of a place.
+/// Returns the words for a place.
 pub(super) fn at(place: Place) -> impl Iterator<Item = &'static Word> {
     WORDS.iter().filter(move |word| word.place == place)
 }

@@ -7,43 +7,43 @@ use std::time::Duration;
 
 use super::Transition;
 
-/// The most bars of a chart; later ones are not drawn.
+/// The largest number of bars of a chart. Later bars are not drawn.
 const BARS_MAX: usize = 10_000;
 /// The height of a line, and of a bar in it.
 const LINE: f64 = 24.0;
 const BAR: f64 = 14.0;
-/// The width of the time that is shown.
+/// The width of the time axis.
 const PLOT: f64 = 460.0;
-/// The room around the chart, and the width of a letter.
+/// The space around the chart, and the width of a letter.
 const MARGIN: f64 = 12.0;
 const LETTER: f64 = 6.6;
 /// The indentation of a name for each level of groups, in pixels.
 const INDENT: f64 = 14.0;
-/// About as many times are written below.
+/// The approximate number of times on the time axis.
 const TICKS: f64 = 8.0;
 
 const DONE: &str = "#2b7a3d";
 const ABORTED: &str = "#c81e1e";
 const STOPPED: &str = "#555555";
 
-/// Everything that ran, in the order in which it began.
+/// All bars, in the order in which they began.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Timeline {
     bars: Vec<Bar>,
-    /// The bars that have no end yet, by the name of their line.
+    /// The bars without an end, by the name of their line.
     open: BTreeMap<String, usize>,
 }
 
 #[derive(Clone, Debug)]
 struct Bar {
-    /// The path of the process, or of the group and the thing it waits for.
+    /// The path of the process. For a wait or a limit, the path of the group with the wait or limit.
     line: String,
     from: Duration,
     end: Option<(Duration, Transition)>,
 }
 
 impl Timeline {
-    /// Notes what became of a process, or of a wait or limit, whose line is `path/wait(5 s)` or `path/within 5 s`.
+    /// Notes a start or an end on a line. The line is a process, or a wait or limit: `path/wait(5 s)` or `path/within 5 s`.
     pub(super) fn note(&mut self, line: &str, at: Duration, transition: &Transition) {
         match transition {
             Transition::Started if self.bars.len() < BARS_MAX => {
@@ -63,11 +63,11 @@ impl Timeline {
         }
     }
 
-    /// Returns the picture, as SVG, of the time until `now`.
+    /// Returns the picture of the time until `now`, as SVG.
     pub(super) fn svg(&self, plan: &Plan, now: Duration) -> String {
         let lines = self.lines(plan);
         let names = lines.iter().map(|line| line.indent + letters(&line.name)).fold(0.0, f64::max);
-        // A short run is drawn as if it took a second, so that it stays visible.
+        // A run of less than a second is drawn as if the axis were a second, so that it stays visible.
         let seconds = now.as_secs_f64().max(1.0);
         let page = Page { left: MARGIN + names + 14.0, scale: PLOT / seconds, now };
         let reasons = self.bars.iter().filter_map(reason).map(letters).fold(40.0, f64::max);
@@ -86,14 +86,14 @@ impl Timeline {
             text(&mut out, x, y + BAR - 2.0, weight, &line.name);
             let bars = || self.bars.iter().filter(|bar| bar.line == line.path);
             bars().for_each(|bar| page.bar(&mut out, bar, line.kind, y));
-            // The next bar may begin where one has ended: marks are on top.
+            // The next bar may begin where the previous bar has ended, so the marks are drawn on top.
             bars().for_each(|bar| page.end(&mut out, bar, y));
         }
         legend(&mut out, &self.bars, page.left, bottom + 36.0);
         out + "</svg>\n"
     }
 
-    /// The lines: a group, its waits, then its members, each in the order in which they began.
+    /// Returns the lines: a group, then its waits and members, in the order in which they began.
     fn lines(&self, plan: &Plan) -> Vec<Line> {
         let mut began: BTreeMap<&str, usize> = BTreeMap::new();
         for (index, bar) in self.bars.iter().enumerate() {
@@ -144,10 +144,10 @@ fn services(plan: &Plan) -> Vec<&str> {
     paths.collect()
 }
 
-/// Where times are on the page.
+/// The position of times on the page.
 struct Page {
     left: f64,
-    /// Columns in a second.
+    /// The width of a second.
     scale: f64,
     now: Duration,
 }
@@ -197,7 +197,7 @@ impl Page {
     }
 }
 
-/// How something ended: a disc when it was done, a cross when it failed, a square when it was stopped.
+/// Draws the mark for an end: a disc for done, a cross for failed, a square for stopped.
 fn mark(out: &mut String, transition: &Transition, x: f64, y: f64) {
     match transition {
         Transition::Done => draw(out, format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"{DONE}\"/>")),
@@ -225,7 +225,7 @@ fn mark(out: &mut String, transition: &Transition, x: f64, y: f64) {
     }
 }
 
-/// Draws the meaning of each mark that is on the page.
+/// Draws the meaning of each mark on the page.
 fn legend(out: &mut String, bars: &[Bar], mut x: f64, y: f64) {
     let meanings =
         [(Transition::Done, "done"), (Transition::Aborted(String::new()), "aborted"), (Transition::Stopped, "stopped")];
@@ -242,7 +242,7 @@ fn legend(out: &mut String, bars: &[Bar], mut x: f64, y: f64) {
     }
 }
 
-/// Why a bar ended that failed.
+/// Returns the reason of the failure, if the bar ended with one.
 fn reason(bar: &Bar) -> Option<&str> {
     match &bar.end {
         Some((_, Transition::Aborted(why))) => Some(why),
@@ -264,7 +264,7 @@ fn row(index: usize) -> f64 {
     LINE * small(index)
 }
 
-/// Charts have far fewer lines than an `f64` counts exactly.
+/// Converts a count. A chart has far fewer lines than an `f64` can count exactly.
 fn small(count: usize) -> f64 {
     u32::try_from(count).map_or(f64::from(u32::MAX), f64::from)
 }
@@ -301,7 +301,7 @@ mod tests {
             simulation.obey(line).unwrap();
         }
         let chart = simulation.chart();
-        // `hit` is done, `arm` and the deadline are stopped, `home` and so `main` failed; each mark is in the legend too.
+        // `hit` is done, `arm` and the deadline are stopped, `home` and so `main` failed. The legend also has each mark.
         assert_eq!(chart.matches("<circle").count(), 2, "{chart}");
         assert_eq!(chart.matches("fill=\"#555555\"").count(), 3, "{chart}");
         assert_eq!(chart.matches("l9 9").count(), 3, "{chart}");

@@ -3,33 +3,33 @@
 use super::{Ending, Simulation};
 use std::time::Duration;
 
-/// Why a line was not obeyed.
+/// The reason why a line could not be carried out.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SimulationError {
-    /// No leaf that runs is called so.
+    /// No running leaf has this name.
     #[error("no running process is called `{name}`")]
     Unknown {
-        /// The name as it was given.
+        /// The name in the line.
         name: String,
     },
-    /// More than one leaf that runs is called so.
+    /// More than one running leaf has this name.
     #[error("`{name}` could be {}", .candidates.join(" or "))]
     Ambiguous {
-        /// The name as it was given.
+        /// The name in the line.
         name: String,
         /// The paths of the leaves.
         candidates: Vec<String>,
     },
-    /// No activity that runs has such a port.
+    /// No running activity has such a port.
     #[error("no running activity has an input port `{name}`")]
     Port {
-        /// The name as it was given.
+        /// The name in the line.
         name: String,
     },
-    /// No activity that runs waits for it.
+    /// No running activity waits for this event.
     #[error("no running activity waits for `{what}`")]
     Notice {
-        /// The news or the order that it would have to wait for.
+        /// The event that no activity waits for.
         what: String,
     },
     /// The line is not understood.
@@ -37,18 +37,23 @@ pub enum SimulationError {
         "expected `process`, `process done outcome`, `process abort why`, `process crash`, `message port text`, `5 s` or `stop`, found `{line}`"
     )]
     Unreadable {
-        /// The line as it was given.
+        /// The line.
         line: String,
     },
 }
 
 impl Simulation<'_> {
-    /// Obeys one line: `arm` or `arm done` ends a process, `arm done found` with an outcome, `arm abort no grip` makes it
-    /// fail, `arm crash` and `arm host_lost` for these reasons, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `suspend`, `resume`, `answer yes`,
-    /// `host c1 lost`, `link c1 lost` and `parameter arm.speed changed` tell activities of these, `5 s` lets time pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
+    /// Carries out one line:
+    /// - `arm` or `arm done` ends a process, and `arm done found` ends it with an outcome;
+    /// - `arm abort no grip` makes it fail, and `arm crash` or `arm host_lost` makes it fail for these reasons;
+    /// - `message speech stop` sends a message to activities, and `message speech 5 stop` sends one with priority 5;
+    /// - `suspend`, `resume`, `answer yes`, `host c1 lost`, `link c1 lost` and `parameter arm.speed changed` are events for activities;
+    /// - `5 s` lets time pass, and `stop` asks `main` to stop.
+    ///
+    /// Empty lines, and comments after `//`, are ignored.
     ///
     /// # Errors
-    /// The line is not a command, or it names no running process.
+    /// If the line is not a command, or names no running process.
     pub fn obey(&mut self, line: &str) -> Result<(), SimulationError> {
         let text = line.split("//").next().unwrap_or("").trim();
         let (first, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
@@ -99,7 +104,7 @@ impl Simulation<'_> {
     }
 }
 
-/// `5 s`, `20 ms`, `1.5 min`.
+/// Reads `5 s`, `20 ms` or `1.5 min`.
 fn time(text: &str) -> Option<Duration> {
     let end = text.find(|c: char| !c.is_ascii_digit() && c != '.')?;
     let number: f64 = text[..end].parse().ok()?;

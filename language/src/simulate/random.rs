@@ -5,25 +5,25 @@ use crate::plan::{MemberKind, Plan};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long a leaf runs, in milliseconds.
+/// The shortest and the longest run of a leaf, in milliseconds.
 const RUN_MIN: u64 = 500;
 const RUN_MAX: u64 = 10_000;
 
-/// When leaves end, and how.
+/// Random times and kinds of the ends of leaves.
 #[derive(Clone, Debug)]
 pub struct RandomRun {
     state: u64,
-    /// Of a hundred ends, how many are failures.
+    /// The number of failures in a hundred ends.
     faults: u64,
     services: BTreeSet<String>,
     /// The outcomes of each leaf that has several.
     outcomes: BTreeMap<String, Vec<String>>,
-    /// When each leaf that runs will end.
+    /// The time and the kind of the end of each running leaf.
     due: BTreeMap<String, (Duration, Ending)>,
 }
 
 impl RandomRun {
-    /// Returns the course of events of a seed; `faults` of a hundred ends are failures. Services end only by failure.
+    /// Returns the random run of a seed. Of a hundred ends, `faults` are failures. Services end only by failure.
     pub fn new(plan: &Plan, seed: u64, faults: u64) -> Self {
         let members = plan.groups.iter().flat_map(|group| &group.members).filter(|member| member.service);
         let services = members.filter_map(|member| match member.kind {
@@ -35,7 +35,7 @@ impl RandomRun {
         Self { state: seed, faults: faults.min(100), services: services.collect(), outcomes, due: BTreeMap::new() }
     }
 
-    /// Lets the next thing happen: a wait or a leaf ends. Returns false when nothing will ever end.
+    /// Lets the next wait or leaf end. Returns `false` when none will ever end.
     pub fn step(&mut self, simulation: &mut Simulation<'_>) -> bool {
         let running: BTreeSet<String> = simulation.running().into_iter().map(str::to_owned).collect();
         self.due.retain(|path, _| running.contains(path));
@@ -54,7 +54,7 @@ impl RandomRun {
             (Some((due, path, ending)), timer) if timer.is_none_or(|timer| due < timer) => {
                 simulation.pass(due.saturating_sub(simulation.now()));
                 self.due.remove(&path);
-                // It may have been stopped by the previous event.
+                // The leaf may have been stopped by the previous event.
                 drop(simulation.end(&path, ending));
             }
             (_, Some(timer)) => simulation.pass(timer.saturating_sub(simulation.now())),

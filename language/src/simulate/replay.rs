@@ -1,7 +1,7 @@
-//! Plays a story of a verifier: everything happens when the story says so, also what takes no time in a simulation otherwise.
+//! Plays a story of a verifier. Each event happens when the story says so, also events that normally take no time in a simulation.
 //!
-//! A program that is asked to stop goes on until the story says that it has stopped; an order to stop reaches a group when the story
-//! says so; a timer runs out when the story says so, whatever the clock would say.
+//! The story decides when a program stops that was asked to stop, when an order to stop reaches a group, and when a timer runs out. The
+//! clock does not matter.
 
 mod way;
 
@@ -12,7 +12,7 @@ use crate::plan::{MemberKind, Plan, Restart, Strategy};
 use std::collections::{BTreeMap, BTreeSet};
 use way::Goal;
 
-/// Why an event of a story could not happen.
+/// The reason why an event of a story could not happen.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReplayError {
     /// The plan has no such process.
@@ -29,7 +29,7 @@ pub enum ReplayError {
         /// The reason why it is not possible.
         why: &'static str,
     },
-    /// A simulation has no hosts that are lost.
+    /// The event is about the loss of a host, which a simulation does not have.
     #[error("`{event}` is about hosts, which a simulation does not have")]
     Unsupported {
         /// The event.
@@ -37,22 +37,22 @@ pub enum ReplayError {
     },
 }
 
-/// The story's open statements.
+/// The open state of the story.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pending {
     /// The group that the story is about.
     pub(super) root: usize,
     /// The leaves that were asked to stop.
     pub(super) stopping: BTreeMap<u32, ActivationRef>,
-    /// The groups to which an order to stop is on its way.
+    /// The groups to which an order to stop is still on its way.
     pub(super) ordered: BTreeSet<usize>,
-    /// The groups that stop because their programs have died too often: they will have failed.
+    /// The groups that stop because their programs have died too often. The end of such a group is a failure.
     pub(super) escalating: BTreeSet<usize>,
     /// The processes whose orders and reports take time between hosts.
     travels: BTreeSet<String>,
-    /// The orders to start that are on their way, by path.
+    /// The orders to start that are still on their way, by path.
     sent: BTreeMap<String, (ActivationRef, Value)>,
-    /// The reports of groups that have ended, on their way to their supervisors.
+    /// The reports of groups that have ended, which are still on their way to the supervisors.
     reports: BTreeMap<usize, (usize, Event)>,
     hung: BTreeSet<u32>,
     /// The leaves that have died and are started again.
@@ -62,11 +62,11 @@ pub(super) struct Pending {
 }
 
 impl<'a> Simulation<'a> {
-    /// Prepares to play a story about a group; nothing has happened yet. [`Simulation::occur`] lets it happen. Orders to start the
-    /// processes of `travels`, and the reports of their ends, arrive when the story says so, and others at once.
+    /// Prepares to play a story about a group. Nothing has happened yet, and [`Simulation::occur`] lets events happen. For the processes in
+    /// `travels`, orders to start and reports of ends arrive when the story says so. For all other processes, they arrive at once.
     ///
     /// # Errors
-    /// The plan has no such group.
+    /// If the plan has no such group.
     pub fn replay(plan: &'a Plan, group: &str, travels: &[String]) -> Result<Self, ReplayError> {
         let root = plan.groups.iter().position(|candidate| candidate.path == group);
         let root = root.ok_or_else(|| ReplayError::Unknown { path: group.to_owned() })?;
@@ -75,7 +75,7 @@ impl<'a> Simulation<'a> {
         Ok(simulation)
     }
 
-    /// Returns the paths of the leaves that were asked to stop and have not answered.
+    /// Returns the paths of the leaves that were asked to stop and have not stopped yet.
     pub fn stopping(&self) -> Vec<&'a str> {
         let leaves = self.pending.iter().flat_map(|pending| pending.stopping.keys());
         leaves.map(|&leaf| self.plan.leaves[leaf as usize].path.as_str()).collect()
@@ -84,7 +84,7 @@ impl<'a> Simulation<'a> {
     /// Lets an event of the story happen.
     ///
     /// # Errors
-    /// It cannot happen here; nothing has changed then.
+    /// If the event cannot happen here. Then nothing has changed.
     pub fn occur(&mut self, event: &TraceEvent) -> Result<(), ReplayError> {
         self.known(event)?;
         self.happens(event).map_err(|why| {
@@ -96,7 +96,8 @@ impl<'a> Simulation<'a> {
         })
     }
 
-    /// Whether an event comes of the loss of a host, or may: a group fails when its host is lost to that of the group around it.
+    /// Returns whether an event comes from the loss of a host, or may do so. For example, a group on another host fails for its supervisor
+    /// when its host is lost.
     fn is_about_hosts(&self, event: &TraceEvent) -> bool {
         let groups = &self.plan.groups;
         match event {
@@ -121,7 +122,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Whether the plan has the subject of the event.
+    /// Checks that the plan has the process or group of the event.
     fn known(&self, event: &TraceEvent) -> Result<(), ReplayError> {
         let Some(path) = event.path() else { return Ok(()) };
         let is_known = self.leaf(path).is_some() || self.group(path).is_some();
@@ -228,7 +229,7 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// A leaf with an order to stop has stopped, or its stop is unconfirmed.
+    /// Lets a leaf with an order to stop answer: it has stopped, or its stop is unconfirmed.
     fn answers(&mut self, leaf: u32, is_unconfirmed: bool) -> Result<(), &'static str> {
         let seat = self.pending().stopping.remove(&leaf).ok_or("it was not asked to stop")?;
         let ActivationRef { group, member, activation } = seat;
@@ -294,7 +295,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// A program that is started again has died, and takes others of its group with it.
+    /// Lets a program die that is started again. By the strategy of its group, other programs of the group stop with it.
     fn dies(&mut self, leaf: u32) -> Result<(), &'static str> {
         let seat = *self.leaves.get(&leaf).ok_or("it does not run")?;
         let group = &self.plan.groups[seat.group];
@@ -346,7 +347,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Whether the order to start a process has to travel; then it is on its way.
+    /// Returns whether the order to start a process must travel. If so, the order is now on its way.
     pub(super) fn is_sent(&mut self, path: &str, seat: ActivationRef, value: &Value) -> bool {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.travels.contains(path)) else {
             return false;
@@ -359,7 +360,7 @@ impl<'a> Simulation<'a> {
         let (seat, value) = self.pending().sent.remove(path).ok_or("no order to start it is on its way")?;
         self.note(path.to_owned(), Transition::Started);
         match self.plan.groups[seat.group].members[seat.member as usize].kind {
-            // A leaf that was asked to stop in the meantime answers that order.
+            // If the leaf was asked to stop in the meantime, it answers that order instead of running.
             MemberKind::Leaf(leaf) if self.pending().stopping.contains_key(&leaf) => {}
             MemberKind::Leaf(leaf) => {
                 self.leaves.insert(leaf, seat);
@@ -373,7 +374,7 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// Whether the report that a group has ended has to travel; then it is on its way.
+    /// Returns whether the report of a group's end must travel. If so, the report is now on its way.
     pub(super) fn is_reported(&mut self, group: usize, report: &(usize, Event)) -> bool {
         let path = &self.plan.groups[group].path;
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.travels.contains(path)) else {
@@ -392,7 +393,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// The outcome of a group whose programs have died too often is a failure.
+    /// Returns the outcome of a group. If its programs have died too often, the outcome is a failure.
     pub(super) fn escalated(&mut self, group: usize, outcome: Outcome) -> Outcome {
         let is_escalated = self.pending.as_mut().is_some_and(|pending| pending.escalating.remove(&group));
         let is_unconfirmed = matches!(&outcome, Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed);

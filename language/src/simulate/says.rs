@@ -1,14 +1,14 @@
-//! The visible parts of an activity in a simulation: its states, its lines, what it sends and loses.
+//! The visible parts of an activity in a simulation: its states, its lines, and the messages that it sends and loses.
 
 use super::{Simulation, SimulationError, Transition};
 use crate::algebra::{Command, Event};
 use crate::plan::{Expression, Notice, StateChart};
 
 impl Simulation<'_> {
-    /// Sends a message to the activities that run and have this port: `stop`, or `5 stop` with a priority of 5.
+    /// Sends a message to the running activities with this port: `stop`, or `5 stop` with a priority of 5.
     ///
     /// # Errors
-    /// No activity that runs has the port.
+    /// If no running activity has the port.
     pub fn send(&mut self, port: &str, text: &str) -> Result<(), SimulationError> {
         let (first, rest) = text.split_once(' ').unwrap_or((text, ""));
         let (priority, text) = match first.parse() {
@@ -26,7 +26,7 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// Tells the activities that run of something outside of them: `suspend`, `host c1 lost`. Returns whether one waits for it.
+    /// Tells the running activities of an event outside of them: `suspend`, `host c1 lost`. Returns whether any activity waits for it.
     pub(super) fn notify(&mut self, text: &str) -> bool {
         let mut notices: Vec<(usize, Event)> = Vec::new();
         for group in (0..self.plan.groups.len()).filter(|&group| !self.states[group].is_idle()) {
@@ -44,14 +44,14 @@ impl Simulation<'_> {
         is_heard
     }
 
-    /// Whether an answer is one to a question that is open; other notices always may come.
+    /// Returns whether the notice is possible. An answer needs an open question, and other notices are always possible.
     fn is_open(&self, group: usize, notice: &Notice) -> bool {
         let Notice::Answer { question, .. } = notice else { return true };
         let open = self.chart_of(group).zip(self.states[group].chart());
         open.is_some_and(|(chart, place)| chart.open_questions(place).any(|(number, _)| number == *question))
     }
 
-    /// An activity gets a message of a story.
+    /// Gives an activity a message of a story.
     pub(super) fn told(&mut self, path: &str, number: u32) -> Result<(), &'static str> {
         let group = self.plan.groups.iter().position(|group| group.path == path).ok_or("it is not a group")?;
         let chart = self.chart_of(group).ok_or("it is not an activity")?;
@@ -62,12 +62,12 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// The chart of a group that is an activity.
+    /// Returns the chart of a group, if the group is an activity.
     pub(super) fn chart_of(&self, group: usize) -> Option<&StateChart> {
         if let Expression::Chart(chart) = &self.plan.groups[group].expression { Some(chart) } else { None }
     }
 
-    /// Notes the states of an activity, if they are not those that were noted last.
+    /// Notes the states of an activity, unless they are the same as last time.
     pub(super) fn note_states(&mut self, group: usize) {
         let (Some(automaton), Some(place)) = (self.programs[group].automaton(), self.states[group].chart()) else {
             return;
@@ -90,7 +90,7 @@ impl Simulation<'_> {
         }
     }
 
-    /// Notes what an activity does that is seen outside.
+    /// Notes an action of an activity that is visible outside.
     pub(super) fn say(&mut self, group: usize, command: &Command) {
         let Some(chart) = self.chart_of(group) else { return };
         let named = |names: &[String], number: u32| names.get(number as usize).cloned().unwrap_or_default();

@@ -1,78 +1,80 @@
-//! The events in a story of a verifier, one line of text each: `done main/arm found`, `elapsed main 1`, `lost c2`.
+//! The events in a story of a verifier. Each event is one line of text: `done main/arm found`, `elapsed main 1`, `lost
+//! c2`.
 
 use crate::automaton::Failure;
 use crate::syntax::ast::content;
 use std::fmt;
 use std::str::FromStr;
 
-/// Something that happens to a running plan. Processes are named by their paths, groups too.
+/// An event of a running plan. Processes and groups are named by their paths.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum TraceEvent {
-    /// This group is started, as the whole of the story.
+    /// This group starts. It is the whole of the story.
     Start(String),
-    /// The whole is asked to stop.
+    /// The whole of the story is asked to stop.
     Stop,
     /// A process has ended normally, with the outcome of this name if it has one.
     Done(String, Option<String>),
-    /// A process has failed, for this reason if it matters.
+    /// A process has failed. If there is a reason, the failure has this reason.
     Fails(String, Option<Failure>),
     /// A process that was asked to stop has stopped.
     Stopped(String),
-    /// The time of a `wait` or a limit of a group has passed: its number among them, in the order of the text, from 1.
+    /// The time of a `wait` or a limit of a group has passed. The number counts the waits and limits in the order of
+    /// the text, from 1.
     Elapsed(String, u32),
     /// An order to stop arrives at a group.
     Reached(String),
     /// An order to start a process arrives at its host.
     Arrived(String),
-    /// A supervisor hears that a group on another host has ended.
+    /// A supervisor receives the report that a group on another host has ended.
     Heard(String),
     /// A fault strikes a program.
     Struck(ProgramFault, String),
-    /// A program that is started again when it dies has died.
+    /// A program has died, and it will be started again.
     Dies(String),
-    /// It runs again.
+    /// A program that died runs again.
     Back(String),
-    /// The programs of a group have died more often than the group bears.
+    /// The programs of a group have died more often than the group allows.
     TooMany(String),
     /// A host is lost, with everything on it.
     Lost(String),
-    /// A host can reach no other, and continues.
+    /// A host continues, but can reach no other host.
     Cut(String),
-    /// The node of a host notes that another is lost.
+    /// The node of a host notes that another host is lost.
     Noted(String),
-    /// An activity gets a message: its number among those that the activity tells apart, from 1.
+    /// An activity gets a message. The number counts the messages that the activity distinguishes, from 1.
     Told(String, u32),
 }
 
 /// A fault of a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ProgramFault {
-    /// It dies; its policy decides whether it is restarted.
+    /// The program dies. Its policy decides whether it is started again.
     Crash,
-    /// It dies, and has died too often to be started again.
+    /// The program dies, and has died too often to be started again.
     CrashTooOften,
-    /// It dies, once more than its group bears.
+    /// The program dies, and with it the programs of the group have died more often than the group allows.
     CrashTooMany,
-    /// It hangs: it never ends by itself.
+    /// The program hangs: it never ends by itself.
     Hang,
-    /// Nobody can confirm that it has stopped.
+    /// The stop of the program cannot be confirmed.
     Unanswered,
 }
 
-/// The line is not understood.
+/// The error for a line that is not understood.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "expected what happens, such as `done main/arm`, `fails main/arm`, `elapsed main 1`, `stop` or `lost c2`, found `{line}`"
 )]
 pub struct TraceError {
-    /// The line as it was given.
+    /// The line.
     pub line: String,
 }
 
 impl ProgramFault {
     const ALL: [Self; 5] = [Self::Crash, Self::CrashTooOften, Self::CrashTooMany, Self::Hang, Self::Unanswered];
 
-    /// Returns the word for it.
+    /// Returns the word for this fault.
     pub fn word(self) -> &'static str {
         match self {
             Self::Crash => "crash",
@@ -85,7 +87,7 @@ impl ProgramFault {
 }
 
 impl TraceEvent {
-    /// Returns the path of the process or group that it is about; none if it is about the whole or a host.
+    /// Returns the path of the process or group of the event. Returns none if the event is about the whole or a host.
     pub fn path(&self) -> Option<&str> {
         match self {
             Self::Start(path)
@@ -156,7 +158,7 @@ impl FromStr for TraceEvent {
     }
 }
 
-/// The reason behind the path: a word, or a text in quotes.
+/// Returns the reason after the path: a word, or a text in quotes.
 fn reason(line: &str, path: &str) -> Option<Failure> {
     let (_, reason) = line.split_once(path)?;
     let reason = reason.trim();
@@ -164,7 +166,7 @@ fn reason(line: &str, path: &str) -> Option<Failure> {
     if is_text { Some(Failure::Failed(content(reason))) } else { Failure::of_word(reason) }
 }
 
-/// An event of one process, group or host.
+/// Returns the event of a word that needs one process, group or host.
 fn of_one(word: &str, name: String) -> Option<TraceEvent> {
     Some(match word {
         "start" => TraceEvent::Start(name),

@@ -6,13 +6,13 @@ use std::ops::Range;
 /// The block size for counting characters, in bytes.
 const BLOCK: usize = 1024;
 
-/// The beginnings of a text's lines, and how many characters stand before each block: looking up a place costs the same
-/// anywhere, in a text of any length on any number of lines.
+/// The beginnings of a text's lines, and the number of characters before each block. So looking up a place takes the
+/// same time everywhere, in a text of any length with any number of lines.
 #[derive(Clone, Debug)]
 pub struct Lines<'a> {
     source: &'a Source,
     starts: Vec<usize>,
-    /// The characters that begin before each block.
+    /// The number of characters before each block.
     characters: Vec<usize>,
 }
 
@@ -35,21 +35,21 @@ impl<'a> Lines<'a> {
         self.source
     }
 
-    /// Returns the line and column of a byte offset; an offset beyond the end is at the end.
+    /// Returns the line and column of a byte offset. An offset after the end gives the end.
     pub fn position(&self, offset: u32) -> Position {
         let offset = self.boundary(offset as usize);
         let line = self.line_of(offset);
         Position { line: line + 1, column: self.before(offset) - self.before(self.starts[line]) + 1 }
     }
 
-    /// Returns the bytes of the lines that a range of bytes touches, without the end of the last line.
+    /// Returns the bytes of the lines that a range of bytes touches, without the line end of the last line.
     pub(crate) fn around(&self, range: &Range<usize>) -> Range<usize> {
         let (first, last) = (self.line_of(range.start), self.line_of(range.end.max(range.start)));
         let end = self.starts.get(last + 1).map_or(self.source.text.len(), |next| next - 1);
         self.starts[first]..end.max(range.end)
     }
 
-    /// The nearest boundary of a character at or before an offset.
+    /// Returns the nearest boundary of a character at or before an offset.
     pub(crate) fn boundary(&self, offset: usize) -> usize {
         self.source.text.floor_char_boundary(offset)
     }
@@ -58,14 +58,14 @@ impl<'a> Lines<'a> {
         self.starts.partition_point(|&start| start <= offset).saturating_sub(1)
     }
 
-    /// How many characters begin before an offset.
+    /// Returns how many characters begin before an offset.
     fn before(&self, offset: usize) -> usize {
         let block = offset / BLOCK;
         self.characters[block] + characters(&self.source.text.as_bytes()[block * BLOCK..offset])
     }
 }
 
-/// How many characters begin in these bytes.
+/// Returns how many characters begin in these bytes.
 fn characters(bytes: &[u8]) -> usize {
     bytes.iter().filter(|&&byte| byte & 0xc0 != 0x80).count()
 }
@@ -88,12 +88,12 @@ impl<'a> Texts<'a> {
         self.spec.source
     }
 
-    /// Returns the text that a span is in; the spec when there is no such text.
+    /// Returns the text that a span is in, or the spec if there is no such text.
     pub fn of(&self, span: Span) -> &Lines<'a> {
         self.get(span.origin).unwrap_or(&self.spec)
     }
 
-    /// Returns a text; none when there are fewer.
+    /// Returns a text, or none if there is no such text.
     pub fn get(&self, origin: Origin) -> Option<&Lines<'a>> {
         match origin {
             Origin::Spec => Some(&self.spec),
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The position by its definition.
+    /// The position, computed by its definition.
     fn counted(text: &str, offset: usize) -> Position {
         let before = &text[..offset];
         let start = before.rfind('\n').map_or(0, |newline| newline + 1);

@@ -11,7 +11,7 @@ pub(crate) struct Name {
     pub(crate) span: Span,
 }
 
-/// A node together with the text it comes from.
+/// A node together with its text.
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
     syntax: SyntaxNode,
@@ -35,13 +35,13 @@ impl Node {
         span(self.origin, self.syntax.text_range())
     }
 
-    /// All text of the node without white space and comments.
+    /// Returns the text of the node without white space and comments.
     pub(crate) fn compact_text(&self) -> String {
         let tokens = self.syntax.descendants_with_tokens().filter_map(rowan::NodeOrToken::into_token);
         tokens.filter(|token| !token.kind().is_trivia()).map(|token| token.text().to_owned()).collect()
     }
 
-    /// The doc comments directly before the node, without their slashes.
+    /// Returns the doc comments directly before the node, without their slashes.
     pub(crate) fn doc(&self) -> String {
         let before = std::iter::successors(self.syntax.prev_sibling_or_token(), |part| part.prev_sibling_or_token());
         let tokens = before.map_while(rowan::NodeOrToken::into_token).take_while(|token| token.kind().is_trivia());
@@ -63,7 +63,7 @@ impl Node {
         self.children_of(kind).next()
     }
 
-    /// The tokens that mean something and belong to this node itself.
+    /// Returns the node's own tokens, without white space and comments.
     pub(crate) fn tokens(&self) -> impl Iterator<Item = Token> + '_ {
         let tokens = self.syntax.children_with_tokens().filter_map(rowan::NodeOrToken::into_token);
         tokens.filter(|token| !token.kind().is_trivia()).map(|syntax| Token { syntax, origin: self.origin })
@@ -73,12 +73,12 @@ impl Node {
         self.tokens().find(|token| token.kind() == kind)
     }
 
-    /// The names that belong to this node itself.
+    /// Returns the node's own names.
     pub(crate) fn names(&self) -> impl Iterator<Item = Name> + '_ {
         self.tokens().filter(|token| token.kind() == Ident).map(|token| token.name())
     }
 
-    /// The name that follows the node's opening word, which may be misspelt or missing.
+    /// Returns the name after the node's first word. The first word may be misspelt or missing.
     pub(crate) fn title(&self) -> Option<Name> {
         let mut names = self.names();
         match (names.next(), names.next()) {
@@ -89,7 +89,7 @@ impl Node {
     }
 }
 
-/// A token together with the text it comes from.
+/// A token together with its text.
 #[derive(Clone, Debug)]
 pub(crate) struct Token {
     syntax: SyntaxToken,
@@ -113,19 +113,20 @@ impl Token {
         Name { text: self.text().to_owned(), span: self.span() }
     }
 
-    /// The content of a string, without quotes and escapes.
+    /// Returns the content of a string, without quotes and escapes.
     pub(crate) fn content(&self) -> String {
         content(self.text())
     }
 
-    /// The value of a number.
+    /// Returns the value of a number.
     pub(crate) fn number(&self) -> Option<f64> {
         let is_number = self.kind() == Number;
         is_number.then(|| self.text().replace('_', "").parse().ok()).flatten().filter(|value: &f64| value.is_finite())
     }
 }
 
-/// Whether a `match` chooses by the reason of a failure: it stands behind an `else`, perhaps in parentheses.
+/// Returns whether a `match` chooses by the reason of a failure, because it comes after an `else`, with or without
+/// parentheses.
 pub(crate) fn catches(node: &Node) -> bool {
     let mut operand = node.syntax().clone();
     while let Some(around) = operand.parent().filter(|around| around.kind() == SyntaxKind::Paren) {
@@ -139,7 +140,7 @@ fn span(origin: Origin, range: rowan::TextRange) -> Span {
     Span { origin, start: range.start().into(), end: range.end().into() }
 }
 
-/// The content of a string as it is written, without quotes and escapes.
+/// Returns the content of a string token, without quotes and escapes.
 pub(crate) fn content(text: &str) -> String {
     let inner = text.trim_start_matches('"');
     let inner = inner.strip_suffix('"').unwrap_or(inner);

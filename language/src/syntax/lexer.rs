@@ -1,4 +1,4 @@
-//! Text to tokens. The lexer never fails: a character without meaning becomes an [`SyntaxKind::Unknown`] token.
+//! From text to tokens. The lexer never fails: a character without meaning becomes an [`SyntaxKind::Unknown`] token.
 
 use super::SyntaxKind;
 
@@ -7,13 +7,13 @@ use super::SyntaxKind;
 pub struct Token {
     /// The kind of the token.
     pub kind: SyntaxKind,
-    /// First byte.
+    /// The first byte.
     pub start: u32,
-    /// One after the last byte.
+    /// The byte after the last one.
     pub end: u32,
 }
 
-/// The fixed tokens, longest first so that the first match is the longest.
+/// The fixed tokens. The longest come first, so that the first match is the longest.
 const SYMBOLS: &[(&str, SyntaxKind)] = &[
     ("->", SyntaxKind::Arrow),
     ("<-", SyntaxKind::BackArrow),
@@ -44,15 +44,16 @@ const SYMBOLS: &[(&str, SyntaxKind)] = &[
     ("*", SyntaxKind::Star),
 ];
 
-/// Some editors begin a text with this mark of its byte order; it means nothing.
+/// The byte order mark, with which some editors begin a text. It has no meaning.
 const MARK: char = '\u{feff}';
 
-/// Returns the tokens of a text; they cover it without a gap. A text is read up to [`crate::source::SOURCE_MAX`].
+/// Returns the tokens of a text. They cover the text without a gap. The text may have at most
+/// [`crate::source::SOURCE_MAX`] bytes.
 pub fn lex(text: &str) -> Vec<Token> {
     lex_at_most(text, usize::MAX).unwrap_or_default()
 }
 
-/// Returns the tokens of a text; none if there are more than `count_max`.
+/// Returns the tokens of a text, or none if there are more than `count_max`.
 pub(super) fn lex_at_most(text: &str, count_max: usize) -> Option<Vec<Token>> {
     let mut tokens: Vec<Token> = Vec::with_capacity((text.len() / 4).min(count_max));
     let mut start = 0;
@@ -63,7 +64,7 @@ pub(super) fn lex_at_most(text: &str, count_max: usize) -> Option<Vec<Token>> {
         };
         let end = start + length;
         match tokens.last_mut() {
-            // One damaged stretch is one token, hence one diagnostic.
+            // Damaged text without a gap is one token, so it gives one diagnostic.
             Some(last) if kind == SyntaxKind::Unknown && last.kind == kind => last.end = offset(end),
             Some(_) | None => tokens.push(Token { kind, start: offset(start), end: offset(end) }),
         }
@@ -79,7 +80,7 @@ fn offset(bytes: usize) -> u32 {
     u32::try_from(bytes).unwrap_or(u32::MAX)
 }
 
-/// Returns the kind and the length in bytes of the token that `rest` starts with; the length is at least one character.
+/// Returns the kind and the length in bytes of the first token of `rest`. The length is at least one character.
 fn token(rest: &str, first: char) -> (SyntaxKind, usize) {
     if first.is_whitespace() {
         return (SyntaxKind::Whitespace, length_while(rest, char::is_whitespace));
@@ -111,7 +112,8 @@ fn length_while(rest: &str, belongs: impl Fn(char) -> bool) -> usize {
     rest.find(|c| !belongs(c)).unwrap_or(rest.len())
 }
 
-/// `12`, `1_000`, `0.25`, `1e-3`; `0..4` is a number and a range, `5 m` a number and a name.
+/// Returns the length of a number: `12`, `1_000`, `0.25`, `1e-3`. `0..4` begins with the number `0`, and `5 m` with the
+/// number `5`.
 fn number_length(rest: &str) -> usize {
     let digits = |from: usize| from + length_while(&rest[from..], |c| c.is_ascii_digit() || c == '_');
     let starts_digit = |from: usize| rest[from..].starts_with(|c: char| c.is_ascii_digit());
@@ -128,7 +130,7 @@ fn number_length(rest: &str) -> usize {
     end
 }
 
-/// A string ends at its quote, or at the end of the line when the quote is missing.
+/// Returns the length of a string. It ends at its quote, or at the end of the line if the quote is missing.
 fn text_length(rest: &str) -> usize {
     let mut escaped = false;
     for (index, c) in rest.char_indices().skip(1) {

@@ -1,4 +1,5 @@
-//! An action of ROS 2 as a task: the start value is the goal, a stop cancels it, and its result is the value that the task leaves.
+//! An action of ROS 2 as a task: the start value is the goal, a stop cancels the goal, and the result becomes the value for the next
+//! process.
 
 use crate::io::services::{Caller, Client, Service};
 use crate::io::{Graph, RosSession, Subscriber, Waiting, depth, lock};
@@ -30,7 +31,7 @@ use std::time::Duration;
 const TYPE: &str = "RosAction";
 /// The port of feedback.
 const FEEDBACK: &str = "Feedback";
-/// How often it looks whether the server is there.
+/// How often the action checks whether there is a server.
 const PERIOD: Duration = Duration::from_millis(100);
 const SIGNALS_EVERY: Duration = Duration::from_millis(500);
 const PARAMETERS: &[Parameter] = &[
@@ -61,10 +62,10 @@ struct Forms {
     feedback: Schema,
 }
 
-/// News of the goal that are not handled yet.
+/// News of the goal that have not been handled yet.
 type Heard = Arc<Mutex<VecDeque<Input>>>;
 
-/// A goal on its way, with the endpoints in ROS 2.
+/// A goal in progress, with the endpoints in ROS 2.
 #[derive(Debug)]
 struct Running {
     session: RosSession,
@@ -102,10 +103,10 @@ impl Forms {
 }
 
 impl Action {
-    /// Makes an idle action.
+    /// Makes an action that is not active.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
         let name = GraphName::parse(arguments.text("action")).ok_or("its action has no name of ROS 2")?;
         let of = TypeName::parse(arguments.text("type")).filter(|of| of.folder() == Folder::Action);
@@ -137,14 +138,14 @@ impl Action {
         let send = self.topic("send_goal", of("_SendGoal"))?;
         let cancel = self.topic("cancel_goal", cancels)?;
         let result = self.topic("get_result", of("_GetResult"))?;
-        // The session tells of the servers that are there when it opens.
+        // When the session opens, it reports the existing servers.
         for (topic, way) in [(&feedback, Way::FromRos), (&send, Way::Call), (&cancel, Way::Call), (&result, Way::Call)]
         {
             lock(&self.graph).expect(topic.clone(), way.partner());
         }
         let session = RosSession::open(&self.network, self.node.clone(), Arc::clone(&self.graph))?;
         let waker = self.waker.clone().unwrap_or_else(|| Waker::new(|| {}));
-        // Feedback is heard before there is any.
+        // The subscription to feedback exists before there is any feedback.
         let subscriber = session.subscriber(1, &feedback, QOS, Arc::clone(&self.feedback), waker)?;
         let client = |id: u64, topic: &Topic| session.client(id, topic, &Service::new(&topic.of)?);
         let (send, cancel, result) = (client(2, &send)?, client(3, &cancel)?, client(4, &result)?);
@@ -161,7 +162,7 @@ impl Action {
         lock(&self.graph).forget();
     }
 
-    /// Hands over what was heard, and does what follows.
+    /// Hands over the news, and performs the resulting effects.
     fn step(&mut self, now: Time, stop: Option<Input>) {
         let waker = self.waker.clone();
         let Some(running) = &mut self.running else { return };
@@ -222,7 +223,7 @@ impl Running {
     }
 }
 
-/// Reads the answer to the question for a result.
+/// Reads the answer to the request for a result.
 fn result(forms: &Forms, answer: &[u8]) -> Input {
     match parts::result(&forms.answer, &forms.result, answer) {
         Ok((status, result)) => Input::Result { status: Status::of(status), result: value::of_message(&result) },
@@ -317,7 +318,7 @@ impl Module for Action {
 mod tests {
     use super::*;
 
-    /// A session tells of the nodes that are there while it opens.
+    /// A session reports the existing nodes while it opens.
     #[test]
     fn partners_are_expected_before_the_session_opens() {
         let given = ["action=/arm/fib", "type=example_interfaces/action/Fibonacci", "settings=nonsense=1"];

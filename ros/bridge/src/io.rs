@@ -1,4 +1,4 @@
-//! The session with the router of ROS 2: publishers, subscribers and the tokens by which others see them.
+//! The session with the router of ROS 2: publishers, subscribers, and the tokens that show them to other nodes.
 
 pub(crate) mod installation;
 pub(crate) mod managed;
@@ -29,15 +29,15 @@ use zenoh_ext::{
     HistoryConfig, MissDetectionConfig, RecoveryConfig,
 };
 
-/// How long the router has to answer.
+/// The time limit for the router's answer.
 const OPEN_WITHIN: Duration = Duration::from_secs(5);
-/// The pause before the router is tried again.
+/// The pause before the next attempt to reach the router.
 const RETRY_AFTER: Duration = Duration::from_millis(100);
 /// How long the session may take to close. Zenoh alone takes up to 10 s if the router has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_millis(500);
-/// How often a publisher tells late subscribers its last number, as in `rmw_zenoh`.
+/// How often a publisher sends its last number to late subscribers, as in `rmw_zenoh`.
 const HEARTBEAT: Duration = Duration::from_millis(500);
-/// Settings of every session: one link to the router, and nothing is looked for.
+/// Settings of every session: it has one link to the router, and does not search for other peers.
 const SETTINGS: [(&str, &str); 7] = [
     ("mode", "\"client\""),
     ("scouting/multicast/enabled", "false"),
@@ -57,7 +57,7 @@ pub(crate) type Waiting = Arc<Mutex<Arrivals>>;
 #[derive(Debug)]
 pub(crate) struct RosSession {
     session: Session,
-    /// Whether the router was there at the last look.
+    /// Whether the router was connected at the last check.
     had_router: bool,
     domain: u32,
     node: Node,
@@ -65,7 +65,7 @@ pub(crate) struct RosSession {
     _tokens: zenoh::pubsub::Subscriber<()>,
 }
 
-/// The endpoints with other types, as far as the session knows them.
+/// The endpoints whose type differs from the type in the spec, as far as the session knows them.
 pub(crate) type Graph = Arc<Mutex<Others>>;
 
 /// A publisher of a topic.
@@ -78,7 +78,7 @@ pub(crate) struct Publisher {
     _token: LivelinessToken,
 }
 
-/// A subscriber of a topic. Dropping it ends it.
+/// A subscriber of a topic. The subscription ends when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Subscriber {
     _subscriber: AdvancedSubscriber<()>,
@@ -86,10 +86,10 @@ pub(crate) struct Subscriber {
 }
 
 impl RosSession {
-    /// Opens a session with the router, and shows a node of this name. The tokens of others go to `graph`.
+    /// Opens a session with the router, and declares a node with this name. The tokens of other nodes go to `graph`.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn open(network: &Network, name: String, graph: Graph) -> Result<Self, String> {
         let session = open(network)?;
         let node = Node { id: NODE, namespace: None, name };
@@ -100,7 +100,7 @@ impl RosSession {
         Ok(Self { session, had_router: true, domain, node: token.node, _token: shown, _tokens: tokens })
     }
 
-    /// Logs that the router has gone or is back, if that is so since the last look.
+    /// Logs that the router has gone or has returned since the last check.
     pub(crate) fn look_at_router(&mut self) {
         let has_router = self.is_connected();
         if std::mem::replace(&mut self.had_router, has_router) == has_router {
@@ -118,10 +118,10 @@ impl RosSession {
         self.session.info().routers_zid().wait().next().is_some()
     }
 
-    /// Publishes a topic; `id` is the number of the publisher within the session.
+    /// Declares a publisher of a topic; `id` is the number of the publisher within the session.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn publisher(&self, id: u64, topic: &Topic, qos: Qos) -> Result<Publisher, String> {
         let token = self.token(id, Role::Publisher, topic, qos);
         let keeps_all = qos.history == History::KeepAll && qos.reliability == Reliability::Reliable;
@@ -148,7 +148,7 @@ impl RosSession {
     /// Subscribes to a topic. Its messages go to `waiting`, and `waker` is woken for each.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn subscriber(
         &self,
         id: u64,
@@ -165,7 +165,7 @@ impl RosSession {
             let taken = lock(&waiting).take(attachment.as_deref(), &message);
             match taken {
                 Ok(()) => waker.wake(),
-                // Otherwise a publisher could fill the disk with lines.
+                // Without this limit, a publisher could fill the disk with log lines.
                 Err(Told { why, refused }) if refused.is_power_of_two() => {
                     tracing::warn!(topic = %name, %why, refused, "messages of ROS 2 are refused");
                 }
@@ -232,7 +232,7 @@ fn open(network: &Network) -> Result<Session, String> {
     let given = network.settings.iter().map(|(key, value)| (key.as_str(), value.as_str()));
     for (key, value) in own.chain(given) {
         let why = |error: Box<dyn std::error::Error + Send + Sync>| {
-            // Zenoh adds the place in its source.
+            // Zenoh adds the position in its source code.
             let told = error.to_string();
             let cause = told.split(" at /").next().unwrap_or_default();
             format!("`ZENOH_CONFIG_OVERRIDE` cannot set `{key}` to `{value}`: {cause}")
@@ -260,7 +260,7 @@ fn open(network: &Network) -> Result<Session, String> {
     }
 }
 
-/// Hears the tokens of all nodes, as every process of ROS 2 does.
+/// Receives the tokens of all nodes, like every process of ROS 2.
 fn watch(session: &Session, domain: u32, graph: Graph) -> Result<zenoh::pubsub::Subscriber<()>, String> {
     let hear = move |token: Sample| {
         let mut graph = lock(&graph);
@@ -289,7 +289,7 @@ fn told(topic: &Topic, error: &dyn std::error::Error) -> String {
     format!("cannot take part in `{}`: {error}", topic.name)
 }
 
-/// Returns how many messages wait at most; the text of a route limits it.
+/// Returns the largest number of messages that wait; the text of a route limits it.
 pub(crate) fn depth(qos: Qos) -> usize {
     usize::try_from(qos.depth).unwrap_or(usize::MAX).max(1)
 }

@@ -1,9 +1,8 @@
 //! The bridge between a mission and ROS 2: one program for each host whose ports are connected with topics or services.
 //!
-//! It is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is a port of it, and each
-//! service an export or a call. The bytes of a value are not changed: both sides have CDR. `logic` decides which values and calls
-//! pass; `io` has the session with the router. An action of ROS 2, and a program of
-//! ROS 2, are other controllers of the same program.
+//! The bridge is a controller, so a node starts it, links it, restarts it and stops it like any other. Each topic is one of its ports, and
+//! each service is an export or a call. The bytes of a value are not changed: both sides use CDR. `logic` decides which values and calls
+//! pass, and `io` has the session with the router. An action of ROS 2 and a program of ROS 2 are other controllers in the same program.
 
 mod action;
 mod carried;
@@ -18,15 +17,14 @@ use controllers::sdk::process::{Embedding, run_in};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
-/// The lines of the log, unless `RUST_LOG` says otherwise. Zenoh reports each failed attempt to reach a router; the bridge says the
-/// same once.
+/// The log lines to show, unless `RUST_LOG` is set. Zenoh reports each failed attempt to reach a router; the bridge reports it only once.
 const LOGGED: &str = "off,bridge=info,controllers=warn,comms=warn";
 
 /// Sends the log of this process to standard error, which `dca logs` shows.
 pub fn log() {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
     let lines = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr);
-    // A log that was started before stays.
+    // If a log has already been started, it is kept.
     lines.try_init().unwrap_or_default();
 }
 
@@ -35,7 +33,7 @@ pub fn registry() -> Registry {
     registry_with(Vec::new())
 }
 
-/// Returns the same; `rest` are the arguments of the program behind `--`, for a program of ROS 2.
+/// Returns the same types as [`registry`]; `rest` are the arguments of the program after `--`, for a program of ROS 2.
 fn registry_with(rest: Vec<String>) -> Registry {
     let mut registry = Registry::default();
     registry.add_module(module::interface(), |_, arguments| {
@@ -53,7 +51,7 @@ fn registry_with(rest: Vec<String>) -> Registry {
     registry
 }
 
-/// Runs this process as its command line says. The arguments behind `--` are those of a program of ROS 2.
+/// Runs this process according to its command line. The arguments after `--` are for a program of ROS 2.
 pub fn run() -> ExitCode {
     let mut arguments: Vec<String> = std::env::args().skip(1).collect();
     let place = arguments.iter().position(|argument| argument == "--");

@@ -21,9 +21,9 @@ use std::time::Duration;
 
 /// The controller type, which plans name.
 const TYPE: &str = "RosBridge";
-/// How often it looks after itself when nothing comes.
+/// The period of the bridge when no values arrive.
 const PERIOD: Duration = Duration::from_millis(500);
-/// How long a procedure of the mission may take to answer a client of ROS 2.
+/// The time limit for a procedure of the mission to answer a client of ROS 2.
 const ANSWER_WITHIN: Duration = Duration::from_secs(600);
 const STOP_WITHIN: Duration = Duration::from_secs(2);
 const PARAMETERS: &[Parameter] =
@@ -51,10 +51,10 @@ pub(crate) struct Bridge {
 }
 
 impl Bridge {
-    /// Makes an idle bridge.
+    /// Makes a bridge that is not active.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn new(arguments: &Arguments) -> Result<Self, String> {
         let routes = Route::list(arguments.text("routes")).ok_or("its routes cannot be read")?;
         let network = setup::network(arguments)?;

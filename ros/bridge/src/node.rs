@@ -1,9 +1,10 @@
-//! A program of ROS 2 as a process: this program starts it, passes its end on, and brings its node through its lifecycle.
+//! A program of ROS 2 as a process: this program starts it, reports its end, and moves its node through its lifecycle.
 //!
-//! Without a lifecycle, the program of ROS 2 runs while the process runs. With one, it is started and configured before this program
-//! says hello to the node of the host, so a mission begins only if it can. The process is then started and stopped by `activate` and
-//! `deactivate`. If the program of ROS 2 ends without a request, this program ends in the same way where the spec has it started again
-//! after a failure, and also while the process does not run. The node of the host thus treats both as one program.
+//! Without a lifecycle, the program of ROS 2 runs while the process runs. With a lifecycle, the program is started and configured before
+//! this program says hello to the node of the host. So a mission begins only if its program can be configured. After that, starts and
+//! stops of the process are `activate` and `deactivate`. If the program of ROS 2 ends without a request, this program ends in the same
+//! way in two cases: if the spec restarts it after a failure, and while the process does not run. So the node of the host treats both
+//! as one program.
 
 use crate::io::installation::{self, Environment, Prepared};
 use crate::io::lock;
@@ -28,12 +29,12 @@ use std::time::Duration;
 
 /// The controller type, which plans name.
 const TYPE: &str = "RosNode";
-/// How often it looks after its node.
+/// How often this program checks its node.
 const PERIOD: Duration = Duration::from_millis(100);
 const SIGNALS_EVERY: Duration = Duration::from_millis(500);
-/// How long SIGTERM and SIGKILL may take behind the time of a stop.
+/// How long SIGTERM and SIGKILL may take after the time of a stop.
 const FORCE_WITHIN: Duration = Duration::from_millis(2500);
-/// How long a process may take that does not end by SIGKILL.
+/// The time limit for the end of a process that does not end by SIGKILL.
 const KILL_WITHIN: Duration = Duration::from_secs(1);
 /// The only middleware of ROS 2 whose services this program can call.
 const MIDDLEWARE: &str = "rmw_zenoh_cpp";
@@ -58,12 +59,12 @@ pub(crate) fn interface() -> Interface {
     Interface { type_name: TYPE, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
 }
 
-/// Which part looks after the end of the program.
+/// Which part handles the end of the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Care {
-    /// The loop does.
+    /// The loop handles it.
     Loop,
-    /// None does: the process does not run, so this program ends with the program of ROS 2.
+    /// No part handles it: the process does not run, so this program ends together with the program of ROS 2.
     Nothing,
 }
 
@@ -75,23 +76,23 @@ struct Life {
     within: Duration,
 }
 
-/// How a program comes to rest when its process stops.
+/// The effect of a stop of the process on the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rest {
-    /// It goes on, and its node is not active.
+    /// The program continues, and its node is not active.
     Stays,
-    /// Its node is being deactivated.
+    /// The node is being deactivated.
     Waits,
-    /// It has to end, and has this time after SIGINT.
+    /// The program has to end, and has this time after SIGINT.
     Ends(Duration),
 }
 
-/// The meaning of an end of the program that was not asked for.
+/// The meaning of an end of the program that was not requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Rules {
-    /// Whether exit code 0 is the end of its work.
+    /// Whether exit code 0 means that the work is done.
     ends: bool,
-    /// Whether its process is started again after a failure.
+    /// Whether the process is restarted after a failure.
     restarts: bool,
 }
 
@@ -107,18 +108,19 @@ pub(crate) struct RosNode {
     care: Arc<Mutex<Care>>,
     ending: Option<Ending>,
     is_stopping: bool,
-    /// Why the program could not be started.
+    /// The reason why the program could not be started.
     trouble: Option<String>,
     bell: Arc<Bell>,
-    /// The services for the parameters of its node; or why they cannot be called.
+    /// The services for the parameters of the node; or the reason why they cannot be called.
     parameters: Result<NodeParameters, String>,
 }
 
 impl RosNode {
-    /// Makes an idle node: its program is found, and started and configured if it has a lifecycle. Blocks for that time.
+    /// Makes a node that is not active, and finds its program. If the node has a lifecycle, also starts and configures the program, and
+    /// blocks until this is done.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn new(arguments: &Arguments, rest: &[String]) -> Result<Self, String> {
         let declared = declared(arguments, rest)?;
         let stop = millis(arguments, "stop_ms")?;
@@ -153,7 +155,7 @@ impl RosNode {
         Ok(node)
     }
 
-    /// Brings a node with a lifecycle as far as it can go before its process runs.
+    /// Moves a node with a lifecycle as far as it can go before its process runs.
     fn get_ready(&mut self) -> Result<(), String> {
         while let Some(Life { lifecycle, .. }) = &self.life {
             match lifecycle.standing() {
@@ -169,7 +171,7 @@ impl RosNode {
             self.bell.wait(now() + PERIOD);
         }
         *lock(&self.care) = Care::Nothing;
-        // It may have ended just before.
+        // The program may have ended a moment ago.
         self.has_gone()
     }
 
@@ -179,10 +181,10 @@ impl RosNode {
         })
     }
 
-    /// From now on the loop does not look after the program.
+    /// From now on the loop does not handle the end of the program.
     fn rest(&mut self) {
         *lock(&self.care) = Care::Nothing;
-        // A program that has ended at a stop is started again with the next activation.
+        // If a program has ended at a stop, the next activation starts it again.
         self.take_end();
     }
 
@@ -200,14 +202,14 @@ impl RosNode {
         Ok(())
     }
 
-    /// Returns the end of the program, once nothing of it is left.
+    /// Returns the end of the program, once none of its processes is left.
     fn take_end(&mut self) -> Option<End> {
         let end = self.program.as_ref().and_then(Program::end)?;
         self.forget_program(now());
         Some(end)
     }
 
-    /// Hands over the news of the node, then another state that is wanted, and does what follows.
+    /// Hands over the news of the node, then a new wanted state if there is one, and performs the resulting effects.
     fn step(&mut self, now: Time, want: Option<Input>) {
         let Some(Life { lifecycle, managed, .. }) = &mut self.life else { return };
         let mut effects = Vec::new();
@@ -229,7 +231,7 @@ impl RosNode {
         }
     }
 
-    /// Takes note that the program is gone.
+    /// Records that the program is gone.
     fn forget_program(&mut self, now: Time) {
         self.program = None;
         if let Some(Life { lifecycle, .. }) = &mut self.life {
@@ -237,7 +239,7 @@ impl RosNode {
         }
     }
 
-    /// Returns the end of the process after that of the program.
+    /// Returns the end of the process that follows from the end of the program.
     fn over(&self, end: End) -> Progress {
         let Rules { ends, restarts } = self.rules;
         if end == End::Exit(0) && ends {
@@ -251,7 +253,7 @@ impl RosNode {
         Progress::Aborted(why)
     }
 
-    /// Returns how the program comes to rest.
+    /// Returns what happens to the program when the process stops.
     fn rest_of_program(&self) -> Rest {
         let Some(Life { lifecycle, .. }) = &self.life else { return Rest::Ends(self.stop) };
         let why = match lifecycle.standing() {
@@ -267,7 +269,7 @@ impl RosNode {
         Rest::Ends(TERMINATE_WITHIN)
     }
 
-    /// Goes on with the end of the program; returns whether nothing of it is left.
+    /// Continues the end of the program; returns whether none of its processes is left.
     fn has_ended(&mut self, now: Time) -> bool {
         if let (Some(ending), Some(program)) = (&mut self.ending, &self.program) {
             while let Some(step) = ending.due(now) {
@@ -277,7 +279,7 @@ impl RosNode {
         self.take_end().is_some() || self.program.is_none()
     }
 
-    /// Brings the program to its end, and waits until nothing of it is left. Blocks for a limited time.
+    /// Stops the program, and waits until none of its processes is left. Blocks for a limited time.
     fn end(&mut self, patience: Duration) {
         *lock(&self.care) = Care::Loop;
         let begin = now();
@@ -288,13 +290,13 @@ impl RosNode {
         }
     }
 
-    /// Returns the program for a person.
+    /// Returns the path of the program, for a person.
     fn shown(&self) -> String {
         self.prepared.path.display().to_string()
     }
 }
 
-/// Returns the services for the parameters of a node, or why they cannot be called.
+/// Returns the services for the parameters of a node, or the reason why they cannot be called.
 fn parameters_of(
     arguments: &Arguments,
     declared: &Declared,
@@ -309,7 +311,7 @@ fn parameters_of(
     Ok(NodeParameters::new(Asked { node, network, own }))
 }
 
-/// Checks that the program has the middleware whose services can be called; else returns which one it has.
+/// Checks that the program uses the middleware whose services can be called; otherwise returns the middleware that it uses.
 fn check_middleware(environment: &Environment) -> Result<(), &str> {
     let middleware = environment.get("RMW_IMPLEMENTATION").map_or("", String::as_str);
     if middleware == MIDDLEWARE { Ok(()) } else { Err(middleware) }
@@ -333,7 +335,8 @@ impl Life {
     }
 }
 
-/// Returns the program that the arguments declare. `rest` has the number of its own arguments, these, and those of the process.
+/// Returns the program that the arguments declare. `rest` contains the number of its own arguments, these arguments, and the arguments of
+/// the process.
 fn declared(arguments: &Arguments, rest: &[String]) -> Result<Declared, String> {
     let count = rest.first().map_or(Ok(0), |count| count.parse::<usize>());
     let count = count.map_err(|error| format!("behind `--` is the number of arguments: {error}"))?;
@@ -456,7 +459,7 @@ impl Module for RosNode {
 }
 
 impl Drop for RosNode {
-    /// The node of the host lets this program leave: the program of ROS 2 gets the time of a stop.
+    /// The node of the host tells this program to end, so the program of ROS 2 gets the time of a stop.
     fn drop(&mut self) {
         if self.program.is_some() {
             self.end(self.stop);

@@ -1,13 +1,13 @@
 //! The attachment of each message, request and response: its number, its time, its sender.
 //!
-//! A process of ROS 2 drops a message without it, and may end when it is malformed. So it has one form when it is written, and
-//! no caller makes its bytes. Source: `rmw_zenoh_cpp/src/detail/attachment_helpers.cpp`.
+//! A process of ROS 2 drops a message without an attachment, and may end if the attachment is malformed. So there is only one form to write
+//! it, and callers cannot make its bytes themselves. Source: `rmw_zenoh_cpp/src/detail/attachment_helpers.cpp`.
 
-/// The bytes of an attachment.
+/// The length of an attachment, in bytes.
 pub const LENGTH: usize = 33;
-/// The length of the id of a sender, as the byte in front of it says.
+/// The length of the id of a sender, which is in the byte in front of the id.
 const GID_LENGTH: u8 = 16;
-/// The names of the fields, as Jazzy 0.2.0 to 0.2.3 writes them.
+/// The names of the fields, as Jazzy 0.2.0 to 0.2.3 write them.
 const NAMES: [&[u8]; 3] = [b"sequence_number", b"source_timestamp", b"source_gid"];
 
 /// The id of a publisher, a client or a server.
@@ -15,8 +15,8 @@ const NAMES: [&[u8]; 3] = [b"sequence_number", b"source_timestamp", b"source_gid
 pub struct Gid(pub [u8; 16]);
 
 impl Gid {
-    /// Returns the id of the publisher, client or server that the key of its token names. Source: `rmw_zenoh_cpp`,
-    /// `liveliness_utils.cpp`, `hash_gid`: the low half of the hash comes first.
+    /// Returns the id of the publisher, client or server with this token key. Source: `rmw_zenoh_cpp`, `liveliness_utils.cpp`, `hash_gid`:
+    /// the low half of the hash comes first.
     pub fn of(token: &str) -> Self {
         let hash = xxhash_rust::xxh3::xxh3_128(token.as_bytes());
         Self(hash.to_le_bytes())
@@ -26,11 +26,11 @@ impl Gid {
 /// The attachment of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attachment {
-    /// The number of the message, of this sender, from 1.
+    /// The number of the message among those of its sender, from 1.
     pub sequence: i64,
-    /// When it was sent, in nanoseconds since 1970.
+    /// The time at which it was sent, in nanoseconds since 1970.
     pub nanos: i64,
-    /// Its sender.
+    /// The sender.
     pub sender: Gid,
 }
 
@@ -47,7 +47,7 @@ impl Attachment {
         bytes
     }
 
-    /// Reads an attachment, also one with the names of its fields.
+    /// Reads an attachment, with or without the names of its fields.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let mut reader = Reader { rest: bytes, is_named: bytes.len() > LENGTH };
         let sequence = i64::from_le_bytes(reader.field(NAMES[0])?);
@@ -60,7 +60,7 @@ impl Attachment {
 
 struct Reader<'a> {
     rest: &'a [u8],
-    /// Whether the name of each field is in front of it.
+    /// Whether each field has its name in front of it.
     is_named: bool,
 }
 
@@ -83,7 +83,7 @@ mod tests {
 
     const EXAMPLE: Attachment = Attachment { sequence: 1, nanos: 0x0102_0304, sender: Gid([7; 16]) };
 
-    /// The form of Jazzy 0.2.0 to 0.2.3.
+    /// Returns the form of Jazzy 0.2.0 to 0.2.3.
     fn named(of: &Attachment) -> Vec<u8> {
         let plain = of.encode();
         let field = |name: &[u8], value: &[u8]| [&[u8::try_from(name.len()).unwrap()], name, value].concat();

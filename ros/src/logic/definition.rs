@@ -1,16 +1,16 @@
-//! Definitions as `.msg` and `.srv` files write them, one line for each field or constant.
+//! Definitions in the form of `.msg` and `.srv` files: one line for each field or constant.
 //!
 //! Source: <https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html>.
 
 use super::name::{Folder, TypeName};
 use thiserror::Error;
 
-/// The most fields of one definition.
+/// The largest number of fields in one definition.
 const FIELDS_MAX: usize = 1000;
-/// The largest array that has a size of its own.
+/// The largest size of an array of fixed size.
 const ARRAY_MAX: usize = 1 << 24;
 
-/// A message as its file defines it. The messages in it are names.
+/// A message as its file defines it. Other messages in it are given by their names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Definition {
     /// The fields in their order.
@@ -22,7 +22,7 @@ pub struct Definition {
 /// A field. `R` refers to another message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field<R> {
-    /// Its name.
+    /// The name.
     pub name: String,
     /// The type of the value, or of each element.
     pub element: Element<R>,
@@ -39,7 +39,7 @@ pub enum Element<R> {
     Primitive(Primitive),
     /// A text.
     Text {
-        /// The most bytes, if the type has a limit.
+        /// The largest number of bytes, if the type has a limit.
         max: Option<usize>,
     },
     /// Another message.
@@ -55,7 +55,7 @@ pub enum Count {
     Array(usize),
     /// A list of any length.
     Any,
-    /// A list with at most so many elements.
+    /// A list with at most this number of elements.
     Max(usize),
 }
 
@@ -91,7 +91,7 @@ pub enum Primitive {
 /// A constant, such as `uint8 OK=0`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Constant {
-    /// Its name.
+    /// The name.
     pub name: String,
     /// The type of its value.
     pub of: Element<TypeName>,
@@ -102,7 +102,7 @@ pub struct Constant {
 /// The reason why a definition cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DefinitionError {
-    /// A line is neither a field nor a constant.
+    /// A line that is neither a field nor a constant.
     #[error("line {line} of `{name}` is neither a field nor a constant: `{text}`")]
     Line {
         /// The message.
@@ -112,10 +112,10 @@ pub enum DefinitionError {
         /// The line.
         text: String,
     },
-    /// A type has no definition.
+    /// A type without a definition.
     #[error("no definition of `{0}` is known")]
     Unknown(String),
-    /// A message contains itself, or it is too large.
+    /// A message that contains itself, or is too large.
     #[error("`{0}` contains itself, or too many other messages")]
     TooLarge(String),
 }
@@ -155,7 +155,7 @@ impl Primitive {
         }
     }
 
-    /// Returns the number of its bytes.
+    /// Returns the size in bytes.
     pub fn size(self) -> usize {
         match self {
             Self::Bool | Self::Byte | Self::I8 | Self::U8 => 1,
@@ -177,7 +177,7 @@ impl Definition {
     /// Reads the lines of one message; `owner` is its name.
     ///
     /// # Errors
-    /// A line is neither a field nor a constant, or there are too many.
+    /// If a line is neither a field nor a constant, or there are too many lines.
     pub fn parse(owner: &TypeName, text: &str) -> Result<Self, DefinitionError> {
         let mut definition = Self { fields: Vec::new(), constants: Vec::new() };
         for (index, line) in text.lines().enumerate() {
@@ -217,7 +217,7 @@ impl Definition {
     }
 }
 
-/// Returns a value without the comment behind it. A text may have `#` in it.
+/// Returns a value without the comment after it. A text may contain `#`.
 fn without_comment(value: &str, of: &Element<TypeName>) -> String {
     let end = match of {
         Element::Text { .. } if !value.trim_start().starts_with('#') => value.len(),
@@ -247,11 +247,11 @@ fn element(owner: &TypeName, text: &str) -> Option<(Element<TypeName>, Count)> {
     Some((element, count))
 }
 
-/// Returns the message that a definition means. A name without a package is of the same package.
+/// Returns the message to which a definition refers. A name without a package belongs to the same package.
 fn message_name(owner: &TypeName, text: &str) -> Option<TypeName> {
     match text {
         "Header" => TypeName::new("std_msgs", Folder::Msg, text),
-        // Texts of two bytes a character have no counterpart here.
+        // Texts with two bytes per character have no counterpart here.
         "wstring" => None,
         _ if text.contains('/') => TypeName::parse(text),
         _ => TypeName::new(owner.package(), Folder::Msg, text),

@@ -8,21 +8,21 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// The hash that ROS 2 Humble writes, which knows none.
+/// The word that ROS 2 Humble writes in place of a hash, because it does not support hashes.
 pub const NOT_SUPPORTED: &str = "TypeHashNotSupported";
 /// The name of the field that a message without fields has in its description.
 const PLACEHOLDER: &str = "structure_needs_at_least_one_member";
 
-/// The number of a kind of type in a description.
+/// The numbers of kinds of types in a description.
 const MESSAGE: u32 = 1;
 const TEXT: u32 = 17;
 const TEXT_MAX: u32 = 21;
-/// In a list the number of the element is raised by one of these.
+/// In a list, one of these is added to the number of the element.
 const ARRAY: u32 = 48;
 const LIST_MAX: u32 = 96;
 const LIST: u32 = 144;
 
-/// Returns the hash of a type, as keys and tokens have it.
+/// Returns the hash of a type, as in keys and tokens.
 pub fn rihs01(schema: &Schema) -> String {
     let own = description(schema, schema.root());
     let others = schema.structs().iter().skip(1);
@@ -60,7 +60,7 @@ fn field(schema: &Schema, of: &Field<usize>) -> String {
     field_text(&of.name, raised + kind, Limits { elements: capacity, text: text_max }, &nested)
 }
 
-/// The size of an array or the limit of a list, and the limit of a text; zero for none.
+/// The size of an array or the limit of a list, and the limit of a text; zero for no limit.
 struct Limits {
     elements: usize,
     text: usize,

@@ -5,7 +5,7 @@
 use super::name::TypeName;
 use std::fmt;
 
-/// The longest name of a topic, as ROS 2 limits it.
+/// The longest name of a topic that ROS 2 allows.
 const LENGTH_MAX: usize = 247;
 
 /// The name of a topic, a service or a node, from the root: `/robot1/cmd_vel`.
@@ -13,8 +13,8 @@ const LENGTH_MAX: usize = 247;
 pub struct GraphName(String);
 
 impl GraphName {
-    /// Reads a name; the slash in front may be missing. None if a word has other characters than letters, digits and `_`, or begins
-    /// with a digit, or if the name is longer than ROS 2 allows.
+    /// Reads a name; the slash in front may be missing. Returns none if a word contains other characters than letters, digits and `_` or
+    /// begins with a digit, and if the name is longer than ROS 2 allows.
     pub fn parse(text: &str) -> Option<Self> {
         let words = text.strip_prefix('/').unwrap_or(text);
         let is_fit = words.len() < LENGTH_MAX && words.split('/').all(is_word);
@@ -26,7 +26,7 @@ impl GraphName {
         &self.0
     }
 
-    /// Returns the name without its slash, as keys have it.
+    /// Returns the name without its slash, as in keys.
     pub fn words(&self) -> &str {
         self.0.trim_start_matches('/')
     }
@@ -46,21 +46,22 @@ fn is_word(word: &str) -> bool {
 /// A topic or a service with its type.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Topic {
-    /// Its name.
+    /// The name.
     pub name: GraphName,
-    /// Its type.
+    /// The type.
     pub of: TypeName,
-    /// The hash of its type: `RIHS01_…`, or `TypeHashNotSupported` of Humble.
+    /// The hash of the type: `RIHS01_…`, or `TypeHashNotSupported` for Humble.
     pub hash: String,
 }
 
 impl Topic {
-    /// Returns the key of its messages in a domain.
+    /// Returns the key of the topic's messages in a domain.
     pub fn key(&self, domain: u32) -> String {
         format!("{domain}/{}/{}/{}", self.name.words(), self.of.dds(), self.hash)
     }
 
-    /// Returns the key on which newer publishers of images and clouds of points send them to subscribers that say they take buffers.
+    /// Returns the key for newer publishers of images and clouds of points. On it they send to subscribers that declare that they take
+    /// buffers.
     pub fn buffer_key(&self, domain: u32) -> String {
         format!("{}/_buf_cpu", self.key(domain))
     }

@@ -1,13 +1,13 @@
 //! The standard messages and services of ROS 2, and some actions, as data.
 //!
-//! `ros/generate/messages.py` has written the messages. Nothing is parsed before it is used.
+//! `ros/generate/messages.py` wrote the messages. A definition is only parsed when it is used.
 
 use super::definition::DefinitionError;
 use super::name::{Folder, TypeName, spec_package, spec_words};
 use super::schema::{Schema, sections};
 use std::borrow::Cow;
 
-/// The definitions of each package, and its name.
+/// For each package, its name and its definitions.
 const PACKAGES: [(&str, &str); 16] = [
     ("action_msgs", include_str!("../../messages/action_msgs.msgs")),
     ("builtin_interfaces", include_str!("../../messages/builtin_interfaces.msgs")),
@@ -50,15 +50,16 @@ pub fn actions() -> impl Iterator<Item = TypeName> {
     names.flatten()
 }
 
-/// Returns the parts that programs use: requests and responses of services; goals, results and feedback of actions.
+/// Returns the types that programs use as parts: requests and responses of services, and goals, results and feedback of
+/// actions.
 pub fn parts() -> impl Iterator<Item = TypeName> {
     let of_services = services().flat_map(|service| [service.request(), service.response()]);
     let of_actions = actions().flat_map(|action| ["_Goal", "_Result", "_Feedback"].map(|ending| action.with(ending)));
     of_services.chain(of_actions)
 }
 
-/// Returns the standard message, service or action, or the part of one, that a spec means: `ros.sensor.LaserScan`,
-/// `ros.std_srvs.Trigger_Request`.
+/// Returns the standard type with this name in specs: a message, a service or an action, or a part of one, such as
+/// `ros.sensor.LaserScan` or `ros.std_srvs.Trigger_Request`.
 pub fn by_spec(text: &str) -> Option<TypeName> {
     let (package, name) = spec_words(text)?;
     let is_meant = |found: &TypeName| spec_package(found.package()) == package && found.name() == name;
@@ -67,7 +68,8 @@ pub fn by_spec(text: &str) -> Option<TypeName> {
     messages.chain(services()).chain(actions()).chain(parts()).find(is_meant)
 }
 
-/// Returns the standard service whose request and response a spec means: `ros.std_srvs.Trigger_Request` and
+/// Returns the standard service with this request and response, by their names in specs: `ros.std_srvs.Trigger_Request`
+/// and
 /// `ros.std_srvs.Trigger_Response`.
 pub fn service_of(request: &str, response: &str) -> Option<TypeName> {
     let request = by_spec(request)?;
@@ -79,7 +81,7 @@ pub fn service_of(request: &str, response: &str) -> Option<TypeName> {
 /// `std_srvs/srv/Trigger_Request`, `example_interfaces/action/Fibonacci_SendGoal`.
 ///
 /// # Errors
-/// There is no such type in the library.
+/// If the library does not contain the type.
 pub fn schema(name: &TypeName) -> Result<Schema, DefinitionError> {
     Schema::new(name, definition)
 }
@@ -149,7 +151,7 @@ fn service(name: &TypeName) -> Option<Cow<'static, str>> {
     })
 }
 
-/// Returns the lines before the first line between parts, and the lines behind it.
+/// Returns the lines before the first separator of parts, and the lines after it.
 fn halves(lines: &str) -> Option<(&str, &str)> {
     let at = lines.lines().position(|line| line == MIDDLE)?;
     let before: usize = lines.split_inclusive('\n').take(at).map(str::len).sum();
@@ -192,7 +194,7 @@ mod tests {
         }
     }
 
-    /// The hashes are those of stock ROS 2.
+    /// The hashes are those of an unmodified ROS 2.
     #[test]
     fn hashes_are_those_of_ros() {
         let check = |name: &str, expected: &str| {

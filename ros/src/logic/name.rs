@@ -2,14 +2,15 @@
 
 use std::fmt;
 
-/// The longest name of a type.
+/// The length of the longest name of a type.
 const LENGTH_MAX: usize = 255;
 /// The first word of a name in a spec.
 const PREFIX: &str = "ros.";
-/// The ends of the names of packages that a spec leaves out.
+/// The endings of names of packages that a spec omits.
 const ENDINGS: [&str; 2] = ["_msgs", "_interfaces"];
 
-/// The name of a message, a service or an action, or of a part of one, as ROS 2 writes it: `sensor_msgs/msg/LaserScan`.
+/// The name of a message, a service or an action, or of a part of one, in the form of ROS 2:
+/// `sensor_msgs/msg/LaserScan`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TypeName {
     package: String,
@@ -17,7 +18,7 @@ pub struct TypeName {
     name: String,
 }
 
-/// The kind of definition that a type comes from.
+/// The kind of definition of a type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Folder {
     /// A message.
@@ -29,7 +30,7 @@ pub enum Folder {
 }
 
 impl Folder {
-    /// Returns the folder as a name has it: `msg`.
+    /// Returns the word for the folder in a name: `msg`.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Msg => "msg",
@@ -44,13 +45,13 @@ impl Folder {
 }
 
 impl TypeName {
-    /// Returns the name of a type; none if one of the words has other characters than letters, digits and `_`.
+    /// Returns the name of a type; none if one of the words contains other characters than letters, digits and `_`.
     pub fn new(package: &str, folder: Folder, name: &str) -> Option<Self> {
         let is_fit = is_word(package) && is_word(name) && package.len() + name.len() <= LENGTH_MAX;
         is_fit.then(|| Self { package: package.to_owned(), folder, name: name.to_owned() })
     }
 
-    /// Reads `sensor_msgs/msg/LaserScan`; `sensor_msgs/LaserScan` is a message.
+    /// Reads `sensor_msgs/msg/LaserScan`. The short form `sensor_msgs/LaserScan` is a message.
     pub fn parse(text: &str) -> Option<Self> {
         let (package, rest) = text.split_once('/')?;
         match rest.split_once('/') {
@@ -59,7 +60,7 @@ impl TypeName {
         }
     }
 
-    /// Reads the name that ROS 2 gives a type in keys: `sensor_msgs::msg::dds_::LaserScan_`.
+    /// Reads the name of a type in the keys of ROS 2: `sensor_msgs::msg::dds_::LaserScan_`.
     pub fn parse_dds(text: &str) -> Option<Self> {
         let mut words = text.split("::");
         let (package, folder) = (words.next()?, words.next()?);
@@ -83,7 +84,7 @@ impl TypeName {
         &self.name
     }
 
-    /// Returns the name as keys of ROS 2 have it: `sensor_msgs::msg::dds_::LaserScan_`.
+    /// Returns the name in the keys of ROS 2: `sensor_msgs::msg::dds_::LaserScan_`.
     pub fn dds(&self) -> String {
         format!("{}::{}::dds_::{}_", self.package, self.folder.as_str(), self.name)
     }
@@ -110,7 +111,7 @@ impl TypeName {
         self.with("_Response")
     }
 
-    /// Returns the same type with something behind its name: `Trigger_Request`, `Fibonacci_Goal`.
+    /// Returns the type whose name has this ending added: `Trigger_Request`, `Fibonacci_Goal`.
     #[must_use]
     pub fn with(&self, ending: &str) -> Self {
         Self { name: format!("{}{ending}", self.name), ..self.clone() }
@@ -128,12 +129,12 @@ pub fn spec_package(package: &str) -> &str {
     ENDINGS.iter().find_map(|ending| package.strip_suffix(ending)).unwrap_or(package)
 }
 
-/// Returns whether a name in a spec means a type of ROS 2.
+/// Returns whether a name in a spec is the name of a type of ROS 2.
 pub fn is_spec_name(text: &str) -> bool {
     text.starts_with(PREFIX)
 }
 
-/// Returns the word for the package and the name of the type in `ros.sensor.LaserScan`.
+/// Returns the two words of a name such as `ros.sensor.LaserScan`: the package and the type.
 pub(crate) fn spec_words(text: &str) -> Option<(&str, &str)> {
     text.strip_prefix(PREFIX)?.split_once('.')
 }

@@ -6,9 +6,9 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// The most types in one schema.
+/// The largest number of types in one schema.
 const STRUCTS_MAX: usize = 500;
-/// The deepest nesting of messages.
+/// The greatest depth of messages within messages.
 pub(crate) const DEPTH_MAX: usize = 32;
 /// The line between two definitions in one text.
 const SEPARATOR: &str = "================================================================================";
@@ -23,25 +23,25 @@ pub struct Schema {
 /// A type within a schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Struct {
-    /// Its name.
+    /// The name.
     pub name: TypeName,
-    /// Its fields; another message in it is an index for [`Schema::at`].
+    /// The fields. If a field is another message, it has an index for [`Schema::at`].
     pub fields: Vec<Field<usize>>,
-    /// Its constants.
+    /// The constants.
     pub constants: Vec<Constant>,
-    /// The fewest bytes of a value, without padding.
+    /// The smallest number of bytes of a value, without padding.
     pub(crate) size_min: usize,
 }
 
 impl Schema {
-    /// Makes the schema of a type. `find` returns the lines of the definition of each type in it.
+    /// Makes the schema of a type. `find` returns the lines that define each type in it.
     ///
     /// # Errors
-    /// A definition is missing or wrong, or the type contains itself.
+    /// If a definition is missing or wrong, or the type contains itself.
     pub fn new<'a>(name: &TypeName, find: impl Fn(&TypeName) -> Option<Cow<'a, str>>) -> Result<Self, DefinitionError> {
         let mut resolver = Resolver { find, structs: Vec::new(), known: BTreeMap::new() };
         resolver.add(name, 0)?;
-        // The type itself was finished last.
+        // The type itself was added last.
         let root = resolver.structs.len() - 1;
         let order = |index: usize| root - index;
         let mut structs = resolver.structs;
@@ -54,11 +54,11 @@ impl Schema {
         Ok(Self { structs })
     }
 
-    /// Reads the text of a schema in a record: the definition of `name`, then those of the messages in it, each after a line of `=`
-    /// and a line `MSG: package/Name`.
+    /// Reads the text of a schema in a record. First comes the definition of `name`, then the definitions of the messages in it, each after
+    /// a line of `=` and a line `MSG: package/Name`.
     ///
     /// # Errors
-    /// As of [`Schema::new`].
+    /// As in [`Schema::new`].
     pub fn parse(name: &TypeName, text: &str) -> Result<Self, DefinitionError> {
         let (own, others) = match text.find(SEPARATOR) {
             Some(at) => text.split_at(at),
@@ -81,10 +81,10 @@ impl Schema {
         &self.structs[0]
     }
 
-    /// Returns a type that a field of this schema has.
+    /// Returns the type with the index that a field of this schema has.
     ///
     /// # Panics
-    /// The index is not from a field of this schema.
+    /// If the index is not from a field of this schema.
     pub fn at(&self, index: usize) -> &Struct {
         &self.structs[index]
     }
@@ -102,7 +102,7 @@ impl Schema {
         &self.structs
     }
 
-    /// Returns the text of the schema in a record, see [`Schema::parse`]. Viewers call its form `ros2msg`.
+    /// Returns the text of the schema in a record, see [`Schema::parse`]. Viewers call this form `ros2msg`.
     pub fn text(&self) -> String {
         let mut text = String::new();
         for (index, one) in self.structs.iter().enumerate() {
@@ -129,7 +129,7 @@ impl Schema {
         text
     }
 
-    /// Returns the fewest bytes of an element, without padding.
+    /// Returns the smallest number of bytes of an element, without padding.
     pub fn size_min(&self, element: &Element<usize>) -> usize {
         size_min(&self.structs, element)
     }
@@ -152,7 +152,7 @@ fn size_min(structs: &[Struct], element: &Element<usize>) -> usize {
     }
 }
 
-/// Returns the definitions in a text in which each begins with a line of `=` and a line `MSG: package/Name`.
+/// Returns the definitions in a text. Each begins with a line of `=` and a line `MSG: package/Name`.
 pub(crate) fn sections(text: &str) -> impl Iterator<Item = (TypeName, &str)> {
     text.split(SEPARATOR).filter_map(|section| {
         let (title, body) = section.trim_start().split_once('\n')?;
@@ -161,7 +161,7 @@ pub(crate) fn sections(text: &str) -> impl Iterator<Item = (TypeName, &str)> {
     })
 }
 
-/// Collects the types of a schema: first those in a message, then the message.
+/// Collects the types of a schema: first the types in a message, then the message.
 struct Resolver<F> {
     find: F,
     structs: Vec<Struct>,
@@ -196,7 +196,7 @@ impl<'a, F: Fn(&TypeName) -> Option<Cow<'a, str>>> Resolver<F> {
             Count::Array(size) => size_min(&self.structs, &field.element).saturating_mul(size),
             Count::Any | Count::Max(_) => 4,
         });
-        // A message without fields has one byte.
+        // A message without fields is one byte.
         let size_min = sizes.fold(0_usize, usize::saturating_add).max(1);
         let index = self.structs.len();
         self.structs.push(Struct { name: name.clone(), fields: resolved, constants, size_min });

@@ -1,4 +1,4 @@
-//! Liveliness tokens: how nodes, publishers, subscribers, servers and clients show that they are there.
+//! Liveliness tokens: they show that nodes, publishers, subscribers, servers and clients exist.
 //!
 //! Source: `rmw_zenoh`, `docs/design.md` and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`.
 
@@ -8,9 +8,9 @@ use super::qos::Qos;
 
 /// The first part of every token.
 const SPACE: &str = "@ros2_lv";
-/// The longest token that is read.
+/// The length of the longest token that is read.
 const LENGTH_MAX: usize = 2048;
-/// The sign for a slash in a name, and for an empty name.
+/// The sign that replaces a slash in a name, and an empty name.
 const SLASH: &str = "%";
 /// The kind of a token of a node.
 const NODE: &str = "NN";
@@ -22,7 +22,7 @@ pub struct Token {
     pub domain: u32,
     /// The id of the Zenoh session, as Zenoh writes it.
     pub session: String,
-    /// The node, or the node that the others belong to.
+    /// The node, or the node to which the endpoint belongs.
     pub node: Node,
     /// The publisher, subscriber, server or client; none in the token of the node itself.
     pub endpoint: Option<Endpoint>,
@@ -31,20 +31,20 @@ pub struct Token {
 /// A node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Node {
-    /// Its number within the session.
+    /// The number of the node within the session.
     pub id: u64,
-    /// The namespace, from the root; none is the root.
+    /// The namespace, from the root; none for the root.
     pub namespace: Option<GraphName>,
-    /// Its name: a single word.
+    /// The name: a single word.
     pub name: String,
 }
 
 /// A publisher, a subscriber, a server or a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoint {
-    /// Its number within the session.
+    /// The number of the endpoint within the session.
     pub id: u64,
-    /// Its role.
+    /// The role.
     pub role: Role,
     /// The topic or service.
     pub topic: Topic,
@@ -57,13 +57,13 @@ pub struct Endpoint {
 /// The role of an endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// It sends messages.
+    /// The endpoint sends messages.
     Publisher,
-    /// It receives messages.
+    /// The endpoint receives messages.
     Subscriber,
-    /// It answers a service.
+    /// The endpoint answers calls of a service.
     Server,
-    /// It calls a service.
+    /// The endpoint calls a service.
     Client,
 }
 
@@ -81,7 +81,7 @@ impl Role {
 }
 
 impl Token {
-    /// Returns the key on which all tokens of a domain are.
+    /// Returns the key expression for all tokens of a domain.
     pub fn all(domain: u32) -> String {
         format!("{SPACE}/{domain}/**")
     }
@@ -111,7 +111,7 @@ impl Token {
         let domain = next()?.parse().ok()?;
         let session = next().filter(|id| !id.is_empty() && id.bytes().all(|byte| byte.is_ascii_hexdigit()))?.to_owned();
         let (node_id, id, kind) = (next()?.parse().ok()?, next()?.parse().ok()?, next()?);
-        // The enclave says which keys a process has; it is of no use here.
+        // The enclave tells which keys a process has. It is not needed here.
         next()?;
         let namespace = match next()? {
             SLASH => None,
@@ -192,7 +192,7 @@ mod tests {
         let whole = endpoint(Role::Publisher, false).key();
         let last = whole.rfind('/').unwrap();
         for end in (0..last).filter(|end| whole.is_char_boundary(*end)) {
-            // A token of a node is shorter, but of another kind.
+            // This prefix may be a valid token of a node, but then it is of another kind.
             assert_eq!(Token::parse(&whole[..end]), None, "{}", &whole[..end]);
         }
         for (from, to) in [

@@ -10,7 +10,7 @@ use std::ops::Deref;
 pub struct AtMost<T, const N: usize>(Vec<T>);
 
 impl<T, const N: usize> AtMost<T, N> {
-    /// Returns a list of these elements; none if there are more than `N`.
+    /// Returns a list of these elements; none for more than `N` elements.
     pub fn new(elements: Vec<T>) -> Option<Self> {
         (elements.len() <= N).then_some(Self(elements))
     }

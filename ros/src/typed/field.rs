@@ -15,33 +15,33 @@ pub trait Field: Clone + Debug + PartialEq + Sized {
     /// Writes the value.
     ///
     /// # Errors
-    /// A text or a list is longer than CDR can say.
+    /// If a text or a list is longer than CDR can express.
     fn write(&self, writer: &mut Writer) -> Result<(), CdrError>;
 
     /// Reads a value.
     ///
     /// # Errors
-    /// The bytes are not such a value.
+    /// If the bytes are not such a value.
     fn read(reader: &mut Reader<'_>) -> Result<Self, CdrError>;
 
     /// Shows the value as the names and values of its fields.
     ///
     /// # Errors
-    /// The errors of the serializer.
+    /// If the serializer fails.
     fn show<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error>;
 
     /// Writes values one after the other.
     ///
     /// # Errors
-    /// As of [`Field::write`].
+    /// As in [`Field::write`].
     fn write_all(values: &[Self], writer: &mut Writer) -> Result<(), CdrError> {
         values.iter().try_for_each(|value| value.write(writer))
     }
 
-    /// Reads so many values, which are known to fit into the bytes.
+    /// Reads `count` values, which are known to fit into the bytes.
     ///
     /// # Errors
-    /// As of [`Field::read`].
+    /// As in [`Field::read`].
     fn read_all(count: usize, reader: &mut Reader<'_>) -> Result<Vec<Self>, CdrError> {
         (0..count).map(|_| Self::read(reader)).collect()
     }
@@ -49,13 +49,13 @@ pub trait Field: Clone + Debug + PartialEq + Sized {
     /// Shows values as a list.
     ///
     /// # Errors
-    /// The errors of the serializer.
+    /// If the serializer fails.
     fn show_all<S: Serializer>(values: &[Self], serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(values.iter().map(Shown))
     }
 }
 
-/// A value, to be shown with the names of its fields.
+/// A value that is shown with the names of its fields.
 #[derive(Clone, Copy, Debug)]
 pub struct Shown<'a, T>(pub &'a T);
 
@@ -97,7 +97,7 @@ numbers! {
     u64 serialize_u64, f32 serialize_f32, f64 serialize_f64
 }
 
-/// Many at a time are copied at once: an image, a cloud of points.
+/// Many bytes are copied at once, for an image or a cloud of points.
 impl Field for u8 {
     const SIZE_MIN: usize = 1;
 
@@ -154,7 +154,7 @@ impl Field for bool {
     }
 }
 
-/// A text ends at its first zero byte, as one of C++ does when it is sent.
+/// A text ends at its first zero byte, in the same way as a text of C++ that is sent.
 impl Field for String {
     const SIZE_MIN: usize = 4;
 

@@ -1,4 +1,4 @@
-//! The standard library against what `rosbags` 0.11.9 says of the newest distribution of ROS 2.
+//! Compares the standard library with the output of `rosbags` 0.11.9 for the newest distribution of ROS 2.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -31,7 +31,7 @@ pub(crate) fn each(mut check: impl FnMut(&Schema, &str)) -> (Vec<TypeName>, usiz
     (names, values)
 }
 
-/// These hashes are published in several sources that are independent of each other.
+/// Several independent sources publish these hashes.
 #[test]
 fn services_have_the_hashes_of_ros() {
     let golden = include_str!("../golden/services.txt");
@@ -43,7 +43,7 @@ fn services_have_the_hashes_of_ros() {
     assert!(golden.lines().count() > 10);
 }
 
-/// Source: the tests of `zenoh-ros2-sdk`, which has them from stock ROS 2.
+/// Source: the tests of `zenoh-ros2-sdk`, which took the hashes from an unmodified ROS 2.
 #[test]
 fn actions_have_the_hashes_of_ros() {
     for line in include_str!("../golden/actions.txt").lines() {
@@ -62,7 +62,7 @@ fn every_message_has_its_hash_and_values_of_21_types_are_read_and_written() {
     assert_eq!((names, values), (all, 21));
 }
 
-/// Every byte is lost once, and every byte has every bit changed once.
+/// Each byte is removed once, and each bit is changed once.
 #[test]
 fn damaged_bytes_are_read_or_refused() {
     let (mut read, mut refused) = (0, 0);

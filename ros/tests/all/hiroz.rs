@@ -1,4 +1,4 @@
-//! Quality of service against the tables of `hiroz-protocol`, which the C++ of `rmw_zenoh` has written.
+//! Compares quality of service with the tables of `hiroz-protocol`, which were written by the C++ of `rmw_zenoh`.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// This form is refused by the C++ and written by others: a history without a comma.
+/// A form that the C++ refuses and others write: a history without a comma.
 const MORE: [&str; 1] = [":::,:,:,,"];
 
 /// Returns the folder of the tables, or why there is none.

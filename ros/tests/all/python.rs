@@ -1,6 +1,6 @@
-//! The modules of Python that declare the standard messages to people and type checkers are written here from the definitions.
+//! This test writes the Python modules that declare the standard messages to people and type checkers, from the definitions.
 //!
-//! `UPDATE_EXPECT=1 cargo test -p ros python` writes the files again. A program that runs makes its classes from the same definitions.
+//! `UPDATE_EXPECT=1 cargo test -p ros python` writes the files. A running program makes its classes from the same definitions.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -59,7 +59,7 @@ fn declared(module: &mut Module, schema: &Schema, field: &Field<usize>) -> (Stri
                 module.others.insert(package.to_owned());
                 format!("_{package}.{}", name.name())
             };
-            // A class alone is not accepted by type checkers, if it has a field with a descriptor.
+            // Type checkers do not accept a class as a default if it has a field with a descriptor.
             let zero = format!("field(default_factory=lambda: {path}())");
             (path, zero)
         }
@@ -135,7 +135,7 @@ fn the_modules_of_python_are_those_of_the_definitions() {
     let mut modules: BTreeMap<String, Module> = BTreeMap::new();
     let mut written = BTreeSet::new();
     for name in library::messages().chain(library::parts()) {
-        // The messages in a message come before it.
+        // The messages in a message come before that message.
         for one in library::schema(&name).unwrap().structs().iter().rev() {
             if written.insert(one.name.clone()) {
                 let module = modules.entry(spec_package(one.name.package()).to_owned()).or_default();

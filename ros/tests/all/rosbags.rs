@@ -1,4 +1,4 @@
-//! Types and values against `rosbags` from PyPI, which is independent of DCA and of ROS 2.
+//! Compares types and values with `rosbags` from PyPI, which is independent of DCA and of ROS 2.
 
 use super::text;
 use ros::logic::hash::rihs01;
@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Values of each type.
+/// The number of values of each type.
 const VALUES: usize = 200;
 
 /// Returns the interpreter of a new virtual environment with `package`, or why there is none.

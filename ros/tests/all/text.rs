@@ -1,4 +1,4 @@
-//! Values as text, in the form that `ros/generate/values.py` prints.
+//! Values as text, in the form of `ros/generate/values.py`.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -6,7 +6,7 @@ use ros::logic::cdr::{self, Value};
 use ros::logic::schema::Schema;
 use std::fmt::Write;
 
-/// Appends a value. Floats are their bits and texts their bytes, so that the comparison is exact.
+/// Appends a value. Floats are shown as their bits and texts as their bytes, so the comparison is exact.
 fn append(text: &mut String, value: &Value) {
     let mut list = |ends: [char; 2], values: &[Value]| {
         text.push(ends[0]);
@@ -39,7 +39,7 @@ pub(crate) fn bytes(hex: &str) -> Vec<u8> {
     (0..hex.len() / 2).map(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap()).collect()
 }
 
-/// Checks the rest of a line `V`: the bytes are read as this text, and written again as they were.
+/// Checks the rest of a line `V`: the bytes are read as this text, and the same bytes are written again.
 #[track_caller]
 pub(crate) fn check(schema: &Schema, line: &str) {
     let (hex, expected) = line.split_once(' ').unwrap();

@@ -1,6 +1,6 @@
-//! The structs of the standard messages are written here from their definitions, and have the same bytes as these.
+//! This test writes the structs of the standard messages from their definitions, and compares their bytes.
 //!
-//! `UPDATE_EXPECT=1 cargo test -p ros typed` writes the files again.
+//! `UPDATE_EXPECT=1 cargo test -p ros typed` writes the files.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -27,7 +27,7 @@ macro_rules! for_each_message {
     ($call:ident) => {
         $call! {
 ";
-/// Words that Rust keeps for itself.
+/// The keywords of Rust that occur as names of fields.
 const KEYWORDS: [&str; 2] = ["type", "loop"];
 
 fn primitive(of: Primitive) -> &'static str {
@@ -53,7 +53,7 @@ fn rust_type(schema: &Schema, field: &Field<usize>) -> String {
         Element::Primitive(of) => primitive(*of).to_owned(),
         Element::Text { max } => {
             assert_eq!(*max, None, "there is no struct for texts with a limit yet");
-            // There is a message of this name.
+            // There is also a message of this name.
             if own == "std_msgs" { "std::string::String".to_owned() } else { "String".to_owned() }
         }
         Element::Message(index) => {
@@ -124,7 +124,7 @@ fn the_structs_are_those_of_the_definitions() {
     }
 }
 
-/// Reads a value as a struct, and returns its bytes, and its bytes after it was on a wire.
+/// Reads a value as a struct. Returns its bytes, and its bytes after a transfer over a wire.
 type Again = fn(&[u8]) -> (Vec<u8>, Vec<u8>);
 
 fn again<M: Message + Serialize + DeserializeOwned>(bytes: &[u8]) -> (Vec<u8>, Vec<u8>) {
@@ -165,7 +165,7 @@ fn people_see_the_fields() {
     assert_eq!((pose.orientation.w, pose.orientation.x), (1.0, 0.0), "the default of ROS is no rotation");
 }
 
-/// As in C++, where the text that is sent ends there.
+/// In C++, the text that is sent also ends there.
 #[test]
 fn a_text_ends_at_its_first_zero_byte() {
     let text = typed::std_msgs::String { data: "ab\0c".to_owned() };

@@ -1,8 +1,8 @@
-//! The load on the hand of an arm that stops: the arm takes it off, and measures the rest.
+//! The load on the hand of an arm that stops: the arm takes the load off, and measures the rest.
 //!
-//! On a machine that is busy, samples are late. A late sample says nothing about the load, so the arm waits at rest for
-//! the next one. An arm that took a late sample for none left 65 N on the handle of a locked door. The wait has a limit,
-//! and so has the whole. A load that may be left then is reported with the end of the arm.
+//! On a busy machine, samples are late. A late sample says nothing about the load, so the arm waits at rest for the
+//! next one. An arm that mistook a late sample for no load left 65 N on the handle of a locked door. The wait has a
+//! limit, and so has the whole unloading. A load that may be left at this limit is reported with the end of the arm.
 
 use crate::control::compliant::loop_delay;
 use crate::control::puma560::{self, Joints};
@@ -13,11 +13,12 @@ use crate::sdk::{In, Tick};
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
-/// The longest time in which the load is taken off: the arm and its lock have 400 ms of the stop after that.
+/// The longest time in which the load is taken off. After this, 400 ms of the stop are left for the arm and its lock.
 const WITHIN: Duration = Duration::from_millis(3100);
-/// An arm that stops does not move a hand whose load is off, unless the force has grown by this much (N).
+/// If the load on a hand is off, an arm that stops does not move the hand, unless the force has grown by this much (N).
 const GROWN: f64 = 12.0;
-/// A smaller force that is left (N) is not reported: a lever that is not quite up pushes back with less.
+/// If the remaining force is smaller than this (N), it is not reported: a lever that is not quite up pushes back with
+/// less.
 const REPORTED: f64 = 20.0;
 
 /// The knowledge of the load on the hand.
@@ -26,7 +27,7 @@ pub(super) struct Load {
     unloading: Unloading,
     /// The force on a hand whose load another law has taken off (N).
     held: Option<f64>,
-    /// The time of the stop, and the part of it since arm and wrist sensor were last heard.
+    /// The time since the stop began, and the time since arm and wrist sensor were last heard.
     stopping: Duration,
     numb: Duration,
     end: Option<End>,
@@ -35,9 +36,9 @@ pub(super) struct Load {
 /// How the load was taken off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum End {
-    /// It is off, as the wrist sensor says.
+    /// The load is off, as the wrist sensor reports.
     Off,
-    /// It may be left, by the force that was felt last (N).
+    /// A load may be left: the force that was last felt (N), and the reason.
     MayBeLeft(f64, &'static str),
 }
 
@@ -52,7 +53,8 @@ impl Load {
         self.held.is_some()
     }
 
-    /// Returns the rates of the joints (rad/s) that take the load off the hand, until they have.
+    /// Returns the rates of the joints (rad/s) that take the load off the hand; none once the load is off or the time
+    /// is over.
     pub(super) fn take_off(&mut self, tick: Tick, state: &In<ArmState>, force: &In<FtState>) -> Option<Joints> {
         if self.end.is_some() {
             return None;
@@ -65,7 +67,7 @@ impl Load {
             self.rates(tick, state, wrench, delay)
         });
         match rates {
-            // A force that grows before the arm is at rest still counts.
+            // If the force grows before the arm is at rest, it still has to be taken off.
             Some(None) if self.held.is_some() => {}
             Some(None) => self.end = Some(End::Off),
             // A robot without a wrist sensor has nothing to wait for.
@@ -81,7 +83,7 @@ impl Load {
         None
     }
 
-    /// Returns the load that may be left on the hand, for a person.
+    /// Returns a sentence for a person about the load that may be left on the hand, if there is one.
     pub(super) fn unconfirmed(&self) -> Option<String> {
         match self.end? {
             End::Off => None,
@@ -89,7 +91,7 @@ impl Load {
         }
     }
 
-    /// The rates that take off a load that was measured; none if it is off.
+    /// Returns the rates that take off a measured load; none if the load is off.
     fn rates(&mut self, tick: Tick, state: &ArmState, wrench: &FtState, delay: f64) -> Option<Joints> {
         self.held = self.held.filter(|held| size(wrench) < held + GROWN);
         if self.held.is_some() {
@@ -100,16 +102,16 @@ impl Load {
         Some(puma560::rates_for(&Joints::from(state.angles), &twist))
     }
 
-    /// Ends with the force that was felt last; `why` it may be left.
+    /// Ends with the force that was last felt; `why` is the reason why this force may be left.
     fn end(&mut self, force: &In<FtState>, why: &'static str) {
-        // A load that another law has left on purpose is that of a door.
+        // If another law has left a load on purpose, it is the load of a door.
         let intended = self.held.map_or(0.0, |held| held + GROWN);
         let felt = force.latest().map_or(0.0, size);
         self.end = Some(if felt < REPORTED.max(intended) { End::Off } else { End::MayBeLeft(felt, why) });
     }
 }
 
-/// Returns the size of a force (N).
+/// Returns the magnitude of a force (N).
 pub(super) fn size(wrench: &FtState) -> f64 {
     Vector3::from(wrench.force).norm()
 }

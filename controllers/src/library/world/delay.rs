@@ -5,21 +5,21 @@ use comms::logic::time::Time;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The delays of samples and commands between a device and its bus, in addition to those of the network.
+/// The delays of samples and commands between a device and its bus, in addition to the delays of the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Delays {
-    /// Of the samples of arm, base, wrist, gripper, laser and camera.
+    /// The delays of the samples of arm, base, wrist, gripper, laser and camera.
     pub(super) state: [Duration; 6],
-    /// Of commands.
+    /// The delay of commands.
     pub(super) command: Duration,
-    /// Each is longer by up to this.
+    /// Each delay is longer by a random time up to this.
     pub(super) jitter: Duration,
 }
 
-/// The most values in transit at once; beyond it the oldest is lost.
+/// The largest number of values in transit at once; if there are more, the oldest is lost.
 const CAPACITY: usize = 1000;
 
-/// Things on their way, in order: none overtakes another.
+/// Values in transit, in order: no value overtakes another.
 #[derive(Clone, Debug)]
 pub(super) struct Delayed<T> {
     queue: VecDeque<(Time, T)>,
@@ -32,7 +32,7 @@ impl<T> Default for Delayed<T> {
 }
 
 impl<T> Delayed<T> {
-    /// Sends `value` on its way at `now`: it arrives `delay` later, or up to `jitter` after that.
+    /// Puts `value` in transit at `now`. It arrives `delay` later, plus a random time up to `jitter`.
     pub(super) fn put(&mut self, now: Time, value: T, delay: Duration, jitter: Duration, random: &mut Random) {
         // Without jitter no number is drawn, so the noise of a world stays the same.
         let jitter = if jitter.is_zero() { jitter } else { jitter.mul_f64(random.unit()) };
@@ -43,7 +43,7 @@ impl<T> Delayed<T> {
         self.queue.push_back(((now + delay + jitter).max(last), value));
     }
 
-    /// Returns the next that has arrived.
+    /// Returns the next value that has arrived.
     pub(super) fn take(&mut self, now: Time) -> Option<T> {
         self.queue.front().filter(|(at, _)| *at <= now)?;
         self.queue.pop_front().map(|(_, value)| value)

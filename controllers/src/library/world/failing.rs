@@ -1,38 +1,38 @@
-//! A device that stops telling the truth for a while: it falls silent, repeats itself, or stamps old values as new.
+//! A device that reports wrong values for a while: it is silent, repeats a sample, or stamps old values as new.
 
 use crate::message::{ArmState, BaseState, CameraState, FtState, GripperState, LaserState};
 use crate::sdk::Arguments;
 use comms::logic::time::Time;
 
-/// The devices, in the order in which the world measures.
+/// The devices, in the order in which the world measures them.
 const DEVICES: [&str; 6] = ["arm", "base", "force", "gripper", "laser", "camera"];
 
-/// The behaviour of a device that fails.
+/// How a device behaves while it fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum How {
-    /// It sends nothing.
+    /// The device sends nothing.
     Silent,
-    /// It sends its last sample again and again, stamp and all.
+    /// The device repeats its last sample, with the old stamp.
     Repeats,
-    /// It sends the last values as if they were measured now.
+    /// The device sends its last values as if they were measured now.
     Restamps,
 }
 
 /// A device that fails, once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Failing {
-    /// Its place in [`DEVICES`]; none fails if there is none.
+    /// The index of the device in [`DEVICES`]; if it is none, no device fails.
     device: Option<usize>,
     how: How,
-    /// The start of the failure: a time after the start (s) or an angle of the door (rad), whichever comes first; never
-    /// if negative.
+    /// The start of the failure: a time after the start (s) or an angle of the door (rad), whichever comes first. A
+    /// negative value never starts a failure.
     at: (f64, f64),
     /// The duration (s).
     span: f64,
 }
 
 impl Failing {
-    /// Returns the failures from the arguments of a world.
+    /// Returns the failure that the arguments of a world describe.
     pub(super) fn new(arguments: &Arguments) -> Self {
         let device = DEVICES.iter().position(|device| *device == arguments.text("fails"));
         let how = match arguments.text("fails_how") {
@@ -45,7 +45,7 @@ impl Failing {
     }
 }
 
-/// A sample that its device stamps.
+/// A sample with the stamp of its device.
 pub(super) trait Stamped: Clone {
     /// Returns when it was measured.
     fn stamp(&self) -> Time;
@@ -78,7 +78,7 @@ pub(super) struct Failure {
 }
 
 impl Failure {
-    /// Returns a world in which nothing has failed yet.
+    /// Returns the state of a world in which nothing has failed yet.
     pub(super) fn new(failing: Failing) -> Self {
         Self { failing, since: None, now: 0.0 }
     }
@@ -92,7 +92,8 @@ impl Failure {
         }
     }
 
-    /// Returns the sample that device number `device` sends instead of the measured one; `last` is its last sample.
+    /// Returns the sample that the device with index `device` sends instead of the measured one; `last` is its last
+    /// sample.
     pub(super) fn of<T: Stamped>(&self, device: usize, measured: T, last: &mut Option<T>) -> Option<T> {
         let fails =
             self.failing.device == Some(device) && self.since.is_some_and(|since| self.now - since < self.failing.span);

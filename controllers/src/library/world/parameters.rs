@@ -17,7 +17,7 @@ macro_rules! parameters {
     };
 }
 
-/// A number from `low` to `high`: a share, or of a unit that specs do not have.
+/// A number from `low` to `high`: a share, or a value in a unit that specs do not have.
 const fn from(low: f64, high: f64) -> Kind {
     Kind::Number(low, high)
 }
@@ -165,7 +165,7 @@ parameters! {
     "commands": Kind::Text(&["anyone", "holder"]), "anyone", "", "senders that a free device obeys: the first one, or none without the lock";
 }
 
-/// Returns the world of the arguments.
+/// Returns the world that the arguments describe.
 pub(super) fn setup(arguments: &Arguments) -> Setup {
     let mut setup = Setup { seed: arguments.number("seed").to_bits(), ..Setup::default() };
     let door = &mut setup.door;
@@ -195,7 +195,7 @@ fn place(text: &str) -> Place {
     }
 }
 
-/// Returns how long everything takes on its way.
+/// Returns the delays of all samples and commands.
 pub(super) fn delays(arguments: &Arguments) -> Delays {
     let of = |name| Duration::from_secs_f64(arguments.number(name));
     let state = ["arm_delay", "base_delay", "force_delay", "gripper_delay", "laser_delay", "camera_delay"].map(of);

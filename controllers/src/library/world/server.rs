@@ -15,19 +15,19 @@ use std::time::Duration;
 /// The lease of a grant without renewal, and the time that a client with a greater priority waits for the holder to
 /// come to rest.
 ///
-/// The lease only decides when another client of the same priority has the device: the watchdog of the device stops it long before.
-/// With a lease of 500 ms, a machine at a load of 36 took the arm from a mission that was alive.
+/// The lease only decides when another client of the same priority gets the device: the watchdog stops the device long
+/// before. With a lease of 500 ms, a machine at a load of 36 took the arm from a mission that was alive.
 pub(super) const LOCK: LockSettings =
     LockSettings { lease: Duration::from_secs(2), preempt_after: Some(Duration::from_millis(300)), waiting_max: 8 };
-/// How many commands wait for the next calculation; the newest count.
+/// How many commands wait for the next calculation; if there are more, the newest remain.
 const COMMANDS_MAX: usize = 4;
 
-/// The commands that count while no client holds the lock of a device.
+/// The commands that are obeyed while no client holds the lock of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Unlocked {
-    /// Any sender's, one sender at a time.
+    /// The commands of any sender, one sender at a time.
     Anyone,
-    /// None.
+    /// No commands.
     Nobody,
 }
 
@@ -38,10 +38,10 @@ pub(super) struct Server<T> {
     lock: Lock,
     commands: Queue<T>,
     owner: Owner,
-    /// When a command was obeyed last.
+    /// When a command was last obeyed.
     commanded: Option<Time>,
     refused: u64,
-    /// The commands that its port has refused in this activation, because a number in them was not finite.
+    /// The number of commands that the port has refused in this activation, because a number in them was not finite.
     not_finite: u64,
 }
 
@@ -59,12 +59,12 @@ impl<T: Message> Server<T> {
         }
     }
 
-    /// Takes a request to the lock.
+    /// Hands a request to the lock.
     pub(super) fn ask(&mut self, request: LockRequest, reply: Reply<LockAnswer>) {
         self.lock.ask(request, reply);
     }
 
-    /// Takes a command into the queue, only from the holder of the lock.
+    /// Takes a command into the queue, but only from the holder of the lock.
     pub(super) fn receive(&mut self, message: QueueMessage) -> Receipt {
         let receipt = self.commands.receive_under(&mut self.lock, message);
         if matches!(receipt, Receipt::Rejected(Rejected::Fenced(_) | Rejected::WrongType { .. })) {
@@ -73,8 +73,8 @@ impl<T: Message> Server<T> {
         receipt
     }
 
-    /// Returns the next command of the queue. Each calculation calls this until there is none; the call also maintains
-    /// the lock.
+    /// Returns the next command of the queue. Each calculation calls this until no command is left; the call also
+    /// maintains the lock.
     pub(super) fn take(&mut self, now: Time) -> Option<Taken<T>> {
         self.commands.take_under(&mut self.lock, now)
     }
@@ -91,7 +91,7 @@ impl<T: Message> Server<T> {
         is_obeyed
     }
 
-    /// Takes note of how many commands its port has refused in this activation.
+    /// Takes the number of commands that the port has refused in this activation.
     pub(super) fn note_refused(&mut self, not_finite: u64) {
         self.not_finite = not_finite;
     }
@@ -101,7 +101,7 @@ impl<T: Message> Server<T> {
         self.owner.release();
     }
 
-    /// Returns the time of the last obeyed command (s since the host was started, 0 if there was none), the number of
+    /// Returns the time of the last obeyed command (s since the start of the host; 0 if there was none), the number of
     /// refusals, and the holder of the lock.
     pub(super) fn status(&self) -> (f64, f64, String) {
         let commanded = self.commanded.map_or(0.0, super::super::seconds);
@@ -118,7 +118,7 @@ impl<T: Message> Server<T> {
     }
 }
 
-/// All devices that move.
+/// The servers of all devices that move.
 #[derive(Debug)]
 pub(super) struct Servers {
     pub(super) base: Server<BaseVelocity>,
@@ -140,7 +140,7 @@ impl Servers {
         self.gripper.release();
     }
 
-    /// Returns a device whose lock is held, and the holder.
+    /// Returns a device whose lock is held, and the name of the holder.
     pub(super) fn held(&self) -> Option<(&'static str, String)> {
         let all = [("base", self.base.holder()), ("arm", self.arm.holder()), ("gripper", self.gripper.holder())];
         all.into_iter().find_map(|(device, holder)| Some((device, holder?)))

@@ -98,7 +98,7 @@ impl DoorWorld {
         GripperStatus { width, force, commanded, refused, holder }
     }
 
-    /// The last sample of the wrist sensor.
+    /// Returns the last sample of the wrist sensor.
     fn wrench(&self) -> Wrench {
         let last = self.plant(|state| state).and_then(|state| state.samples.force.last.as_ref());
         let none = Wrench { measured: 0.0, force: [0.0; 3], torque: [0.0; 3] };
@@ -110,7 +110,7 @@ impl DoorWorld {
         last.map_or(none, wrench)
     }
 
-    /// Returns something of the plant, once it has begun.
+    /// Returns what `of` reads from the state of the plant, once the plant has begun.
     fn plant<'a, T>(&'a self, of: impl Fn(&'a State) -> T) -> Option<T> {
         self.state.as_deref().map(of)
     }

@@ -1,4 +1,4 @@
-//! The hardware level on virtual time: whose commands are obeyed, which are refused, and when the wheels stop.
+//! The hardware level in virtual time: whose commands are obeyed, which commands are refused, and when the wheels stop.
 
 use super::super::registry;
 use super::server::LOCK;
@@ -15,7 +15,7 @@ const WATCHDOG: f64 = 0.1;
 
 type Answer = Result<Vec<u8>, ObjectError>;
 
-/// The plant, which is called as programs call it.
+/// The plant, called in the same way as programs call it.
 struct Bench {
     world: Box<dyn Module>,
     now: Time,
@@ -103,8 +103,8 @@ fn is(value: f64, expected: f64) -> bool {
     (value - expected).abs() < 1e-9
 }
 
-/// Over the port and over the queue, nothing moves without the lock, with a number that was never granted, or with a
-/// number whose grant has ended.
+/// Over the port and over the queue, nothing moves without the lock, with a number that was never granted, or with the
+/// number of a grant that has ended.
 #[test]
 fn only_who_holds_the_base_is_obeyed() {
     let mut bench = Bench::new("holder");
@@ -128,13 +128,12 @@ fn only_who_holds_the_base_is_obeyed() {
     assert!(is(bench.base().refused, 6.0));
 }
 
-/// A holder of which nothing is heard any more: the wheels stop by themselves, and after the lease the next one has
-/// them.
+/// The holder becomes silent: the wheels stop by themselves, and after the lease the next client gets them.
 #[test]
 fn the_wheels_stop_when_the_holder_is_gone_and_the_next_one_has_them() {
     let mut bench = Bench::new("holder");
     let fence = bench.granted(1);
-    // A part of the lease: it is not renewed.
+    // Within the lease, which is not renewed.
     for _ in 0..60 {
         bench.drive(Some(fence));
     }
@@ -149,7 +148,7 @@ fn the_wheels_stop_when_the_holder_is_gone_and_the_next_one_has_them() {
     bench.pass(LOCK.lease);
     let LockAnswer::Granted { fence: next, .. } = bench.acquire(2, 0) else { panic!("it is free") };
     assert!(next > fence);
-    // The first one wakes up.
+    // The first holder wakes up.
     let refused = bench.base().refused;
     bench.drive(Some(fence));
     let base = bench.base();
@@ -176,7 +175,7 @@ fn a_greater_priority_has_the_base_after_300_ms() {
     assert!(is(bench.base().refused, 1.0));
 }
 
-/// In a spec that connects no lock, one sender at a time is obeyed, unless a client holds the device.
+/// If a spec connects no lock, one sender at a time is obeyed, unless a client holds the device.
 #[test]
 fn without_a_lock_anyone_is_obeyed_as_long_as_nobody_holds_the_base() {
     let mut bench = Bench::new("anyone");
@@ -205,7 +204,7 @@ fn the_world_is_put_back_when_nobody_holds_it() {
     assert!(bench.base().velocity[0].abs() <= 0.0);
 }
 
-/// A controller of the base, whose calls and commands go to the plant, and the answers back.
+/// A controller of the base. Its calls and commands go to the plant, and the answers come back.
 struct Driver {
     module: Box<dyn Module>,
     open: Vec<(u64, Receiver<Answer>)>,
@@ -220,7 +219,7 @@ impl Driver {
         Self { module, open: Vec::new() }
     }
 
-    /// Goes forward for one period, or stops.
+    /// Drives forward for one period, or stops.
     fn work(&mut self, bench: &mut Bench, stops: bool) -> Result<Progress, Stopping> {
         for (number, answer) in std::mem::take(&mut self.open) {
             match answer.try_recv() {
@@ -245,8 +244,8 @@ impl Driver {
     }
 }
 
-/// Two missions want the base: the second one is refused with the name of the holder, and has it as soon as the first
-/// one has stopped.
+/// Two missions want the base. The second mission is refused with the name of the holder, and gets the base as soon as
+/// the first mission has stopped.
 #[test]
 fn a_second_mission_is_refused_with_the_name_of_the_first() {
     let mut bench = Bench::new("holder");
@@ -267,7 +266,7 @@ fn a_second_mission_is_refused_with_the_name_of_the_first() {
     assert_eq!(end, Some(Progress::Aborted("the base is held by `door:main/xr4000`".to_owned())));
     assert_eq!(second.work(&mut bench, true), Err(Stopping::Again), "it waits no more, and says so");
     bench.step();
-    // Comes to rest, and lets go.
+    // The first controller comes to rest, and lets go.
     let mut third = Driver::new("third", 0, bench.now);
     let stopped = (0..400).find(|_| {
         let end = first.work(&mut bench, true);
@@ -310,7 +309,7 @@ fn a_mission_with_a_greater_priority_takes_the_base_and_the_first_one_says_so() 
     assert!(ends && base.holder == "rescue:main/xr4000" && base.velocity[0] > 0.0, "{base:?}");
 }
 
-/// A controller that was suspended for longer than its lease goes on only if no other client has driven the base in
+/// A controller that was suspended for longer than its lease continues only if no other client has driven the base in
 /// that time.
 #[test]
 fn a_controller_that_wakes_up_goes_on_only_if_nobody_else_has_driven() {

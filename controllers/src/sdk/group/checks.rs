@@ -1,4 +1,4 @@
-//! The checked form of a group, once its members and wires are known to fit.
+//! The form of a group after the check that its members and wires fit.
 
 use super::{GroupError, InProcessGroup, MEMBERS_MAX, Make, Member, MemberPort};
 use crate::sdk::arguments::Arguments;
@@ -11,36 +11,36 @@ use std::collections::BTreeMap;
 pub(super) struct Layout {
     pub(super) interface: Interface,
     pub(super) members: Vec<Place>,
-    /// By the name of an input of the group, the inputs of members that have it.
+    /// By the name of an input of the group, the inputs of members that get its values.
     pub(super) inputs: BTreeMap<&'static str, Vec<(usize, &'static str)>>,
-    /// The member of each export, and below of each call.
+    /// The index of the member of each export, and below of each call.
     pub(super) exports: BTreeMap<&'static str, usize>,
     pub(super) calls: BTreeMap<&'static str, usize>,
 }
 
-/// The place of one member.
+/// One member in the order of turns.
 pub(super) struct Place {
     pub(super) name: String,
     pub(super) schedule: Schedule,
     pub(super) is_service: bool,
     make: Box<Make>,
-    /// Where its outputs lead.
+    /// The destinations of its outputs.
     pub(super) outputs: BTreeMap<&'static str, Outlet>,
 }
 
 /// The destinations of the values of an output.
 pub(super) struct Outlet {
     pub(super) targets: Vec<Target>,
-    /// Its place among those that lead to other members.
+    /// Its index among the outputs that lead to other members, if it is one of them.
     pub(super) inner: Option<usize>,
 }
 
-/// Where an output leads.
+/// One destination of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Target {
-    /// To the input of a member.
+    /// The input of a member.
     Member(usize, &'static str),
-    /// To an output of the group.
+    /// An output of the group.
     Outside(&'static str),
 }
 
@@ -77,10 +77,10 @@ impl Layout {
         })
     }
 
-    /// Makes idle members.
+    /// Makes the members; they are not active yet.
     ///
     /// # Errors
-    /// Names the member that does not take its arguments, and the reason.
+    /// Names the member that refuses its arguments, and the reason.
     pub(super) fn make(&self, arguments: &Arguments) -> Result<Vec<Box<dyn Module>>, String> {
         let make = |place: &Place| (place.make)(arguments).map_err(|why| format!("`{}`: {why}", place.name));
         self.members.iter().map(make).collect()
@@ -94,7 +94,7 @@ impl Place {
     }
 }
 
-/// Returns the outputs that lead to other members, and where all outputs of each member go.
+/// Returns the outputs that lead to other members, and the destinations of all outputs of each member.
 fn inner(
     members: &[Member],
     outputs: Vec<BTreeMap<&'static str, Vec<Target>>>,
@@ -120,7 +120,8 @@ fn inner(
     (all, outlets)
 }
 
-/// The group with the shortest period of its members; it is a task if one of them is.
+/// Returns the description of the group: its period is the shortest period of its members, and it is a task if one of
+/// them is a task.
 fn about(group: &'static str, doc: &'static str, members: &[Member]) -> Result<About, GroupError> {
     let all = || members.iter().map(|member| &member.interface.about);
     let tasks: Vec<&Member> = members.iter().filter(|member| !member.interface.about.service).collect();
@@ -146,7 +147,8 @@ fn about(group: &'static str, doc: &'static str, members: &[Member]) -> Result<A
     })
 }
 
-/// The start value of all members that declare one, which get the same bytes; none if their types differ.
+/// Returns the start value of all members that declare one. These members get the same bytes, so there is none if
+/// their types differ.
 fn same(mut starts: impl Iterator<Item = StartValue>) -> Option<StartValue> {
     let first = starts.next()?;
     starts.all(|other| other == first).then_some(first)
@@ -167,7 +169,7 @@ struct Joints<'a> {
     members: &'a [Member],
     ports: Vec<PortInterface>,
     inputs: BTreeMap<&'static str, Vec<(usize, &'static str)>>,
-    /// By member.
+    /// For each member, its outputs and their destinations.
     outputs: Vec<BTreeMap<&'static str, Vec<Target>>>,
 }
 
@@ -211,7 +213,7 @@ impl<'a> Joints<'a> {
         Ok(())
     }
 
-    /// Ports of devices are ports of the group under their own names.
+    /// Adds the ports of devices to the group, under their own names.
     fn devices(&mut self) -> Result<(), GroupError> {
         for (at, member) in self.members.iter().enumerate() {
             for port in member.interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
@@ -266,13 +268,14 @@ impl<'a> Joints<'a> {
     }
 
     fn outputs_of(&mut self, at: usize, port: &'static str) -> &mut Vec<Target> {
-        // There is one entry for each member, and `at` is the place of one.
+        // There is one entry for each member, and `at` is the index of a member.
         let outputs = &mut self.outputs[at];
         outputs.entry(port).or_default()
     }
 }
 
-/// Whether values of one type are values of the other: the names are equal, and also the fields if both types declare them.
+/// Returns whether values of one type fit the other: the names are equal, and also the fields if both types declare
+/// them.
 fn fit(one: &PortInterface, other: &PortInterface) -> bool {
     let both_say = !one.fields.is_empty() && !other.fields.is_empty();
     one.type_name == other.type_name && (!both_say || one.fields == other.fields)

@@ -1,16 +1,16 @@
-//! The values inside a group for people who watch them: nothing is copied, and no clock is read, while no client
-//! watches.
+//! The values inside a group for people who watch them. While no client watches, nothing is copied, and no clock is
+//! read.
 
 use crate::sdk::module::{InnerValue, Outlets};
 
 /// The outputs of members that lead to other members.
 #[derive(Debug)]
 pub(super) struct InnerTaps {
-    /// How many values have left each since the program's start.
+    /// How many values have left each output since the start of the program.
     numbers: Vec<u64>,
-    /// Whether it is watched, as of the end of the last turn.
+    /// Whether each output is watched, as of the end of the last turn.
     heard: Vec<bool>,
-    /// The values to be shown at the end of this turn: of each output at most one for each of its calculations.
+    /// The values to be shown at the end of this turn: for each output at most one per calculation.
     values: Vec<InnerValue>,
 }
 
@@ -19,7 +19,7 @@ impl InnerTaps {
         Self { numbers: vec![0; count], heard: vec![false; count], values: Vec::new() }
     }
 
-    /// Counts a value, and keeps it to be shown if the output is watched.
+    /// Counts a value. If the output is watched, keeps the value to be shown.
     pub(super) fn pass(&mut self, at: usize, bytes: &[u8]) {
         let (Some(number), Some(is_heard)) = (self.numbers.get_mut(at), self.heard.get(at)) else { return };
         *number += 1;
@@ -28,7 +28,7 @@ impl InnerTaps {
         }
     }
 
-    /// Shows the kept values, and asks which outputs are watched from now on.
+    /// Shows the kept values, and finds out which outputs are watched from now on.
     pub(super) fn show(&mut self, outlets: &mut dyn Outlets) {
         if !self.heard.is_empty() {
             outlets.show_inner(&mut self.values, &mut self.heard);

@@ -1,4 +1,4 @@
-//! A running group: its members calculate in turns, and send values in memory.
+//! A running group: its members calculate in turns, and exchange values in memory.
 
 use super::checks::{Layout, Outlet, Target};
 use super::inner::InnerTaps;
@@ -16,7 +16,8 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::sync::Arc;
 
-/// Where the place of a member is in the number of a request to the database. Members count from 1 on, and the highest bit is taken.
+/// The position of the member's number in the number of a request to the database. Members count from 1, and the
+/// highest bit is used for another purpose.
 const MEMBER_SHIFT: u32 = 48;
 const MEMBER_MASK: u64 = 0xff << MEMBER_SHIFT;
 
@@ -26,19 +27,19 @@ pub(super) struct GroupModule {
     members: Vec<Running>,
     /// The values that leave the group next.
     sent: Vec<(&'static str, Vec<u8>)>,
-    /// The values of the member that calculates.
+    /// The values of the member that is calculating.
     passing: Vec<(&'static str, Vec<u8>)>,
     /// The watched values between the members.
     taps: InnerTaps,
     /// Arguments that wait for the next activation.
     next: Option<Arguments>,
-    /// Calls that the spec connects.
+    /// The calls that the spec connects.
     connected: Vec<&'static str>,
 }
 
 struct Running {
     module: Box<dyn Module>,
-    /// From its `init` to the end of its `stop`.
+    /// Whether it is between its `init` and the end of its `stop`.
     is_active: bool,
     due: Time,
     is_triggered: bool,
@@ -49,7 +50,7 @@ impl Running {
         Self { module, is_active: false, due: Time::ZERO, is_triggered: false }
     }
 
-    /// Hands over a value, if it runs.
+    /// Hands over a value, if the member is active.
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError> {
         if !self.is_active {
             return Ok(Delivery::Stored);
@@ -63,7 +64,8 @@ impl Running {
         delivery
     }
 
-    /// Calculates if it is time to: on the grid of its period, or by a trigger, and a period after the last one then.
+    /// Calculates if it is time: on the grid of its period, or after a trigger. With a trigger, the next deadline is
+    /// one period after the last calculation.
     fn calculate(&mut self, schedule: &Schedule, now: Time) -> Option<Progress> {
         let (is_due, period) = (now >= self.due, schedule.period);
         if !self.is_active || !(is_due || self.is_triggered) {
@@ -73,7 +75,7 @@ impl Running {
         if schedule.trigger.is_some() {
             self.due = now + period;
         } else if is_due {
-            // A deadline that has passed is skipped, not caught up; the grid stays that of the group.
+            // A deadline that has passed is skipped, not caught up. The grid remains the grid of the group.
             let periods = (now - self.due).as_nanos() / period.as_nanos().max(1) + 1;
             self.due = self.due + period * u32::try_from(periods).unwrap_or(u32::MAX);
         }
@@ -89,7 +91,7 @@ impl GroupModule {
         Ok(Self { layout, members, sent, passing, taps, next: None, connected })
     }
 
-    /// Passes on what a member has sent.
+    /// Passes on the values that a member has sent.
     fn pass(&mut self, at: usize, now: Time) {
         let mut passing = std::mem::take(&mut self.passing);
         if let Some(member) = self.members.get_mut(at) {
@@ -121,7 +123,7 @@ impl GroupModule {
         }
     }
 
-    /// Returns what the end of a member means for the group.
+    /// Returns the effect of a member's end on the group.
     fn ending(&self, at: usize, progress: Progress) -> Progress {
         let Some(place) = self.layout.members.get(at) else { return progress };
         match progress {
@@ -181,7 +183,8 @@ impl Module for GroupModule {
     fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String> {
         let members = self.layout.make(&arguments)?;
         if running {
-            // Either all members take the new arguments or none does: one member may refuse what another one takes.
+            // Either all members take the new arguments or none, because one member may refuse arguments that another
+            // member takes.
             self.next = Some(arguments);
             return Ok(Configured::Later);
         }

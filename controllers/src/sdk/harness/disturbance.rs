@@ -5,22 +5,22 @@ use std::time::Duration;
 /// How bad the machine and the network are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disturbance {
-    /// Every sample takes at least this long.
+    /// The shortest transfer time of a sample.
     pub transfer: Duration,
-    /// And up to this much longer, evenly spread.
+    /// The largest additional transfer time, evenly distributed.
     pub transfer_jitter: Duration,
-    /// The chance that a calculation is held up.
+    /// The probability that a calculation is delayed.
     pub hold_chance: f64,
-    /// The longest such delay; delays are evenly spread from a third of it.
+    /// The longest such delay; delays are evenly distributed from a third of it.
     pub hold_max: Duration,
-    /// The chance that a sample is lost.
+    /// The probability that a sample is lost.
     pub drop_chance: f64,
     /// The seed of the random numbers.
     pub seed: u64,
 }
 
 impl Disturbance {
-    /// A quiet machine: 0.1 ms a hop, nothing held up or lost.
+    /// A quiet machine: 0.1 ms per hop, without delays or losses.
     pub const NONE: Self = Self {
         transfer: Duration::from_micros(100),
         transfer_jitter: Duration::ZERO,
@@ -30,7 +30,7 @@ impl Disturbance {
         seed: 0,
     };
 
-    /// Two busy cores: one calculation in 50 is held up for 10 to 30 ms, one sample in 200 is lost.
+    /// Two busy cores: one calculation in 50 is delayed by 10 to 30 ms, and one sample in 200 is lost.
     pub const fn busy(seed: u64) -> Self {
         Self {
             transfer: Duration::from_micros(100),

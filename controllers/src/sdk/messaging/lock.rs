@@ -1,4 +1,4 @@
-//! The lock of a resource, in the controller that has the resource, and the user of one.
+//! The lock of a resource, in the controller that has the resource, and the user of a lock.
 
 use super::{Denied, LockAnswer, LockRequest, LockSettings, LockStatus, Refusal};
 use crate::sdk::calls::Calls;
@@ -13,15 +13,16 @@ use std::io;
 /// How many requests wait for the next calculation.
 const ASKED_MAX: usize = 256;
 
-/// The lock in front of a resource of this controller. A field, for which the controller exports a procedure that answers later:
-/// `exports.procedure_later("arm", "...", |robot: &mut Robot, request, reply| robot.arm.ask(request, reply)).idle()`.
+/// The lock in front of a resource of this controller. It is a field of the controller, which exports a procedure for
+/// it that answers later: `exports.procedure_later("arm", "...", |robot: &mut Robot, request, reply|
+/// robot.arm.ask(request, reply)).idle()`.
 ///
-/// Its numbers continue from the time since the host was started, so that a program that was started again has greater numbers.
-/// The numbers have a meaning at this resource only.
+/// Its fencing numbers start from the time since the start of the host, so a restarted program has greater numbers. The
+/// numbers are only valid at this resource.
 #[derive(Debug)]
 pub struct Lock {
     settings: LockSettings,
-    /// The lock; it exists from the first calculation on.
+    /// The lock; it exists after the first calculation.
     lock: Option<ResourceLock>,
     asked: Vec<(LockRequest, Reply<LockAnswer>)>,
     now: Time,
@@ -33,7 +34,7 @@ impl Lock {
         Self { settings, lock: None, asked: Vec::new(), now: Time::ZERO }
     }
 
-    /// Takes a request; it is answered by the next [`Lock::work`].
+    /// Takes a request; the next [`Lock::work`] answers it.
     pub fn ask(&mut self, request: LockRequest, reply: Reply<LockAnswer>) {
         if self.asked.len() < ASKED_MAX {
             self.asked.push((request, reply));
@@ -56,21 +57,21 @@ impl Lock {
         self.write(effects);
     }
 
-    /// Lets a command through to the resource, or refuses it.
+    /// Returns whether a command may pass to the resource.
     ///
     /// # Errors
-    /// Says what is wrong with its fencing number.
+    /// The problem with the fencing number.
     pub fn admit(&mut self, fence: Option<u64>) -> Result<(), Refusal> {
         let now = self.now;
         self.lock_now().admit(now, fence)
     }
 
-    /// Returns the fencing number of the holder; none if there is none. A resource without a holder has to be at rest.
+    /// Returns the fencing number of the holder; none without a holder. A resource without a holder has to be at rest.
     pub fn held(&mut self, now: Time) -> Option<u64> {
         self.lock_now().held(now)
     }
 
-    /// Returns what people see of it.
+    /// Returns the status of the lock for people.
     pub fn status(&self) -> LockStatus {
         let first = ResourceLock::new(self.settings, 1, self.now);
         self.lock.as_ref().unwrap_or(&first).status(self.now)
@@ -95,8 +96,8 @@ impl Lock {
         self.lock.get_or_insert_with(|| ResourceLock::new(settings, now.nanos(), now))
     }
 
-    /// Numbers that come from the clock need no disk. A client that is not asking at this moment hears of its grant
-    /// when it asks again.
+    /// Numbers that come from the clock do not have to be stored on disk. If a client is not asking at this moment, it
+    /// learns of its grant when it asks again.
     fn write(&mut self, mut effects: Vec<LockEffect>) -> Vec<(u64, LockAnswer)> {
         let (now, mut answers, mut at) = (self.now, Vec::new(), 0);
         while let Some(effect) = effects.get(at).cloned() {
@@ -112,11 +113,11 @@ impl Lock {
     }
 }
 
-/// Uses a lock that the spec connects: beside a field `#[calls("arm")] arm: Calls<LockRequest, LockAnswer>`.
+/// Uses a lock that the spec connects, together with a field `#[calls("arm")] arm: Calls<LockRequest, LockAnswer>`.
 #[derive(Debug)]
 pub struct LockUser {
     client: LockClient,
-    /// The calls of the machine by those of the port.
+    /// By the number of a call of the port, the number of the call of the state machine.
     open: BTreeMap<u64, u64>,
     inputs: Vec<ClientInput>,
     lost: Option<Denied>,
@@ -125,17 +126,17 @@ pub struct LockUser {
 }
 
 impl LockUser {
-    /// Returns a user that wants nothing; `name` is for people.
+    /// Returns a user that requests nothing; `name` is for people.
     ///
     /// # Errors
-    /// If the system gives no random number for it.
+    /// If the system gives no random number for the user.
     pub fn new(name: &str) -> io::Result<Self> {
         // 0 means no client.
         let client = LockClient::new(entropy::number()?.max(1), name.to_owned());
         Ok(Self { client, open: BTreeMap::new(), inputs: Vec::new(), lost: None, holder: String::new() })
     }
 
-    /// Requests the lock, from the next [`LockUser::work`] on.
+    /// Requests the lock, beginning with the next [`LockUser::work`].
     pub fn want(&mut self, priority: u8) {
         self.inputs.push(ClientInput::Want(priority));
     }
@@ -145,7 +146,7 @@ impl LockUser {
         self.inputs.push(ClientInput::Drop);
     }
 
-    /// Sends requests and renewals, and takes answers. Called once in each calculation, at least four times a lease.
+    /// Sends requests and renewals, and takes answers. Called once in each calculation, at least four times per lease.
     pub fn work(&mut self, now: Time, calls: &mut Calls<LockRequest, LockAnswer>) {
         let mut effects = Vec::new();
         while let Some((number, answer)) = calls.answer() {
@@ -171,7 +172,7 @@ impl LockUser {
         }
     }
 
-    /// Returns the fencing number that goes with each command, as long as the lock may be believed to be held.
+    /// Returns the fencing number to send with each command, while the user may assume that it holds the lock.
     pub fn held(&self, now: Time) -> Option<u64> {
         self.client.held(now)
     }
@@ -187,7 +188,7 @@ impl LockUser {
         &self.holder
     }
 
-    /// Returns whether nothing is wanted or held, and the server knows that.
+    /// Returns whether nothing is requested or held, and the server knows this.
     pub const fn is_idle(&self) -> bool {
         self.inputs.is_empty() && self.client.is_idle()
     }

@@ -1,4 +1,4 @@
-//! A queue of a controller, and the client that sends to one.
+//! A queue of a controller, and the client that sends to a queue.
 
 use super::lock::Lock;
 use super::{Full, Header, MessageId, QueueMessage, QueueStatus, Receipt, Rejected};
@@ -16,17 +16,17 @@ use std::marker::PhantomData;
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
-/// How long an answer of a queue is waited for before the message is sent again.
+/// How long the client waits for an answer of a queue before it sends the message again.
 const TRY_WITHIN: Duration = Duration::from_millis(250);
 /// How many messages of a client may be in transit.
 const SENDING_MAX: usize = 32;
 
-/// Receives messages, and gives them out by priority. A field of a controller, which exports a procedure for it:
+/// Receives messages, and returns them by priority. It is a field of a controller, which exports a procedure for it:
 /// `exports.procedure("Commands", "...", |robot: &mut Robot, message| Ok(robot.commands.receive(message)))`.
 #[derive(Debug)]
 pub struct Queue<T> {
     queue: MessageQueue,
-    /// The time at which the controller last looked.
+    /// The time of the controller's last call of [`Queue::take`].
     now: Time,
     of: PhantomData<fn() -> T>,
 }
@@ -34,11 +34,11 @@ pub struct Queue<T> {
 /// A message that was taken out of a queue.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Taken<T> {
-    /// Its header.
+    /// The header.
     pub header: Header,
-    /// The fencing number under which it was sent.
+    /// The fencing number under which the message was sent.
     pub fence: Option<u64>,
-    /// Its data.
+    /// The data.
     pub data: T,
 }
 
@@ -50,7 +50,7 @@ impl<T: Message> Queue<T> {
         Self { queue: MessageQueue::new(settings), now: Time::ZERO, of: PhantomData }
     }
 
-    /// Receives a message: the one method of a queue.
+    /// Receives a message: the procedure that a queue exports.
     pub fn receive(&mut self, message: QueueMessage) -> Receipt {
         if message.type_name == T::TYPE {
             let problem = match postcard::from_bytes::<T>(&message.data) {
@@ -66,7 +66,7 @@ impl<T: Message> Queue<T> {
         self.queue.receive(self.now, message)
     }
 
-    /// Receives a message for a resource: only messages of the lock's holder are accepted.
+    /// Receives a message for a resource. Only messages of the lock's holder are accepted.
     pub fn receive_under(&mut self, lock: &mut Lock, message: QueueMessage) -> Receipt {
         match lock.admit(message.fence) {
             Ok(()) => self.receive(message),
@@ -74,7 +74,7 @@ impl<T: Message> Queue<T> {
         }
     }
 
-    /// Takes the message with the highest priority, and of those the one that came first.
+    /// Takes the message with the highest priority; among several, the one that arrived first.
     pub fn take(&mut self, now: Time) -> Option<Taken<T>> {
         self.now = now;
         while let Some(QueueMessage { header, fence, data, .. }) = self.queue.take() {
@@ -86,14 +86,15 @@ impl<T: Message> Queue<T> {
         None
     }
 
-    /// Takes a message for a resource. A message sent under a grant that has ended since is dropped, and counted.
+    /// Takes a message for a resource. If the grant of a message has ended since it was sent, the message is dropped
+    /// and counted.
     pub fn take_under(&mut self, lock: &mut Lock, now: Time) -> Option<Taken<T>> {
         lock.work(now);
         self.queue.retain(|message| lock.admit(message.fence).is_ok());
         self.take(now)
     }
 
-    /// Returns what people see of it.
+    /// Returns the status of the queue for people.
     pub fn status(&self) -> QueueStatus {
         let settings = self.queue.settings();
         QueueStatus {
@@ -108,10 +109,10 @@ impl<T: Message> Queue<T> {
     }
 }
 
-/// Returns the data of a message as it travels.
+/// Returns the data of a message in its encoded form.
 ///
 /// # Errors
-/// It cannot be encoded, or a number in it is not finite.
+/// If the data cannot be encoded, or a number in it is not finite.
 pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
     if !is_fit(data) {
         return Err(format!("a number of the `{}` is not finite", T::TYPE));
@@ -119,14 +120,14 @@ pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
     postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))
 }
 
-/// The fields of a message beside its data.
+/// The fields of a message, except its data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Label<'a> {
     /// The kind of the message; receivers may filter by it.
     pub category: &'a str,
     /// Messages of a higher priority are taken first.
     pub priority: u8,
-    /// A number of the sender's own, which its answers carry.
+    /// A number that the sender chooses; answers repeat it.
     pub marker: u64,
 }
 
@@ -146,7 +147,7 @@ impl Label<'_> {
 }
 
 impl EncodedMessage {
-    /// Returns the message as it travels.
+    /// Returns the message with its header, ready to send.
     pub(super) fn numbered(self, id: MessageId, sender: &str) -> Result<QueueMessage, String> {
         let Self { type_name, data, category, recipient, priority, marker, fence } = self;
         let header = Header { category, id, sender: sender.to_owned(), recipient, priority, marker };
@@ -161,26 +162,26 @@ impl EncodedMessage {
 pub enum SendEnd {
     /// The message is in the queue, or was taken from it.
     Accepted,
-    /// The queue has turned it away.
+    /// The queue has rejected the message.
     Rejected(Rejected),
-    /// No queue is available: nothing is connected, the program has none of this name, or its process does not run.
+    /// No queue is available: nothing is connected, the program has no queue of this name, or its process does not run.
     Unknown(ObjectError),
-    /// No answer came in time: it is unknown whether the message is in the queue.
+    /// No answer arrived in time: it is unknown whether the message is in the queue.
     Deadline,
-    /// The same, and the last try found that the program of the queue is gone.
+    /// No answer arrived in time, and the last attempt found that the program of the queue is gone.
     Gone,
 }
 
-/// A message whose data is encoded, of a program in another language.
+/// A message with encoded data, of a program in another language.
 #[derive(Clone, Debug, Default)]
 pub struct EncodedMessage {
-    /// The type of its data.
+    /// The type of the data.
     pub type_name: String,
-    /// Its data.
+    /// The data.
     pub data: Vec<u8>,
     /// See [`Header::category`].
     pub category: String,
-    /// The process that it is for, of those that the spec connects; the first of them if it is empty.
+    /// The recipient, one of the processes that the spec connects; if empty, the first of them.
     pub recipient: String,
     /// See [`Header::priority`].
     pub priority: u8,
@@ -190,16 +191,18 @@ pub struct EncodedMessage {
     pub fence: Option<u64>,
 }
 
-/// Sends to the queue that the spec connects: beside a field `#[calls("Orders")] orders: Calls<QueueMessage, Receipt>`.
+/// Sends to the queue that the spec connects, together with a field `#[calls("Orders")] orders: Calls<QueueMessage,
+/// Receipt>`.
 ///
-/// A message whose receipt does not come is sent again until its deadline, with the same identifier, so that the queue takes it once.
+/// If the receipt of a message does not arrive, the client sends the message again until its deadline. The identifier
+/// stays the same, so the queue takes the message only once.
 #[derive(Debug)]
 pub struct QueueClient<T> {
     sender: String,
     numbering: Numbering,
-    /// By their numbers.
+    /// By number, the messages that are being sent.
     sending: BTreeMap<u64, Sending>,
-    /// The numbers of messages by those of their calls.
+    /// By the number of a call, the number of its message.
     calls: BTreeMap<u64, u64>,
     ends: Vec<(u64, SendEnd)>,
     of: PhantomData<fn(T)>,
@@ -209,29 +212,29 @@ pub struct QueueClient<T> {
 struct Sending {
     message: QueueMessage,
     until: Time,
-    /// When it is sent again, unless a call is open.
+    /// When the message is sent again, unless a call is open.
     due: Time,
     is_open: bool,
-    /// Whether its program was gone at the last try.
+    /// Whether the program of the queue was gone at the last attempt.
     is_gone: bool,
 }
 
 impl<T: Message> QueueClient<T> {
-    /// Returns a client that has sent nothing. `sender` is where replies go.
+    /// Returns a client that has not sent anything. Replies go to `sender`.
     ///
     /// # Errors
-    /// If the system gives no random number for its life.
+    /// If the system gives no random number for the client.
     pub fn new(sender: &str) -> io::Result<Self> {
         let numbering = Numbering::new(entropy::number()?);
         let (sending, calls, ends) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
         Ok(Self { sender: sender.to_owned(), numbering, sending, calls, ends, of: PhantomData })
     }
 
-    /// Sends a message with the next [`QueueClient::work`]; returns its number. `fence` is that of the lock, for a queue in front of
-    /// a resource.
+    /// Sends a message with the next [`QueueClient::work`]; returns its number. `fence` is the fencing number of the
+    /// lock, for a queue in front of a resource.
     ///
     /// # Errors
-    /// If too many are on their way, or the data is too long.
+    /// If too many messages are in transit, or the data is too long.
     pub fn send(
         &mut self,
         now: Time,
@@ -244,10 +247,11 @@ impl<T: Message> QueueClient<T> {
         self.send_encoded(now, message, within)
     }
 
-    /// Sends a message to the process of this path, of those that the spec connects; else as [`QueueClient::send`].
+    /// Sends a message to the process with this path, one of the processes that the spec connects. Otherwise it works
+    /// like [`QueueClient::send`].
     ///
     /// # Errors
-    /// If too many are on their way, or the data is too long.
+    /// If too many messages are in transit, or the data is too long.
     pub fn send_to(
         &mut self,
         now: Time,
@@ -260,10 +264,10 @@ impl<T: Message> QueueClient<T> {
         self.send_encoded(now, message, within)
     }
 
-    /// Sends a message whose data is encoded, of any type; else as [`QueueClient::send`].
+    /// Sends a message with encoded data of any type. Otherwise it works like [`QueueClient::send`].
     ///
     /// # Errors
-    /// If too many are on their way, or the data is too long.
+    /// If too many messages are in transit, or the data is too long.
     pub fn send_encoded(&mut self, now: Time, message: EncodedMessage, within: Duration) -> Result<u64, String> {
         if self.sending.len() >= SENDING_MAX {
             return Err(format!("{SENDING_MAX} messages are on their way already"));
@@ -275,7 +279,7 @@ impl<T: Message> QueueClient<T> {
         Ok(id.number)
     }
 
-    /// Sends what is due, and takes receipts. Called once in each calculation.
+    /// Sends the messages that are due, and takes receipts. Called once in each calculation.
     pub fn work(&mut self, now: Time, calls: &mut Calls<QueueMessage, Receipt>) {
         while let Some((call, answer)) = calls.answer() {
             if let Some(number) = self.calls.remove(&call) {
@@ -297,7 +301,7 @@ impl<T: Message> QueueClient<T> {
         }
     }
 
-    /// Returns how the sending of a message ended, with its number; called until there is none.
+    /// Returns how the sending of a message ended, with its number. Callers repeat this until it returns none.
     pub fn end_of(&mut self) -> Option<(u64, SendEnd)> {
         if self.ends.is_empty() { None } else { Some(self.ends.remove(0)) }
     }

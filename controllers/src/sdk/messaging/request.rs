@@ -1,4 +1,4 @@
-//! Requests over queues: a question to one queue, its answer in another, joined by a marker.
+//! Requests over queues: a question goes to one queue and its answer to another. A marker links the two.
 
 use super::queue::{Label, Queue, QueueClient, SendEnd, Taken};
 use super::{Full, Header, QueueMessage, QueueStatus, Receipt, Rejected};
@@ -15,19 +15,19 @@ use thiserror::Error;
 /// Why a request has no answer.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum RequestFailure {
-    /// The queue has turned it away: it was not carried out.
+    /// The queue has rejected the request: it was not carried out.
     #[error("the queue has turned it away: {0}")]
     Rejected(Rejected),
-    /// No queue is available: it was not carried out.
+    /// No queue is available: the request was not carried out.
     #[error("there is no queue: {0}")]
     Unknown(ObjectError),
-    /// The program of the queue was gone at each try: it is unknown whether the request was received.
+    /// The program of the queue was gone at each attempt: it is unknown whether the request was received.
     #[error("who answers is gone")]
     Gone,
-    /// The time is over. Whether it was carried out is not known.
+    /// The time limit has passed. It is unknown whether the request was carried out.
     #[error("no answer came in time")]
     Deadline,
-    /// Too many requests are open, or this one is too long: it was not sent.
+    /// Too many requests are open, or this one is too long: the request was not sent.
     #[error("it was not sent: {0}")]
     NotSent(String),
 }
@@ -35,37 +35,41 @@ pub enum RequestFailure {
 /// How a request ended: with its answer, or with the reason why there is none.
 pub type Answered<R> = Result<Taken<R>, RequestFailure>;
 
-/// Sends requests to another process's queue, and takes the answers in its own queue. A field of a controller, beside
-/// `#[calls("Questions")] questions: Calls<QueueMessage, Receipt>`; the answers come through a procedure that it exports:
-/// `exports.procedure("Answers", "...", |robot: &mut Robot, message| Ok(robot.planner.receive(message)))`.
+/// Sends requests to another process's queue, and takes the answers in its own queue. It is a field of a controller,
+/// together with `#[calls("Questions")] questions: Calls<QueueMessage, Receipt>`. The answers come through a procedure
+/// that the controller exports: `exports.procedure("Answers", "...", |robot: &mut Robot, message|
+/// Ok(robot.planner.receive(message)))`.
 ///
-/// Each request ends once. A request that has no receipt is handed in again with the same identifier, so that it is taken once.
+/// Each request ends once. If a request has no receipt, it is sent again with the same identifier, so it is taken only
+/// once.
 #[derive(Debug)]
 pub struct Requester<Q, R> {
     client: QueueClient<Q>,
     open: Requests,
-    /// The markers of requests by the numbers of their messages.
+    /// By the number of a message, the marker of its request.
     markers: BTreeMap<u64, u64>,
     answers: Queue<R>,
     ends: VecDeque<(u64, Answered<R>)>,
 }
 
 impl<Q: Message, R: Message> Requester<Q, R> {
-    /// Returns a requester that has asked nothing. `instance` is the path of this process ([`crate::sdk::Arguments::instance`]),
-    /// to which answers go. As many answers wait as there may be requests.
+    /// Returns a requester that has not asked anything. Answers go to `instance`, the path of this process
+    /// ([`crate::sdk::Arguments::instance`]). The queue of answers has room for as many answers as there may be
+    /// requests.
     ///
     /// # Errors
-    /// If the system gives no random number for its life.
+    /// If the system gives no random number for the requester.
     pub fn new(instance: &str) -> io::Result<Self> {
         let client = QueueClient::new(instance)?;
         let answers = Queue::new(OPEN_MAX, Full::Reject);
         Ok(Self { client, open: Requests::default(), markers: BTreeMap::new(), answers, ends: VecDeque::new() })
     }
 
-    /// Asks with the next [`Requester::work`]; returns the marker, with which the request ends.
+    /// Sends a question with the next [`Requester::work`]; returns the marker of the request, with which its end is
+    /// reported.
     ///
     /// # Errors
-    /// If too many are open or on their way, or the question is too long.
+    /// If too many requests are open or in transit, or the question is too long.
     pub fn ask(
         &mut self,
         now: Time,
@@ -82,7 +86,7 @@ impl<Q: Message, R: Message> Requester<Q, R> {
                 Ok(marker)
             }
             Err(why) => {
-                // It has not begun: its end is not reported.
+                // The request has not begun, so its end is not reported.
                 self.open.received(marker, None);
                 Err(not_sent(why))
             }
@@ -94,19 +98,19 @@ impl<Q: Message, R: Message> Requester<Q, R> {
         self.answers.receive(message)
     }
 
-    /// Sends what is due, and takes answers. Called once in each calculation.
+    /// Sends the requests that are due, and takes answers. Called once in each calculation.
     pub fn work(&mut self, now: Time, calls: &mut Calls<QueueMessage, Receipt>) {
         self.client.work(now, calls);
         while let Some((number, end)) = self.client.end_of() {
             let Some(marker) = self.markers.remove(&number) else { continue };
             let failure = match end {
-                // Its answer, or its time, ends it.
+                // Its answer, or its time limit, ends the request.
                 SendEnd::Accepted | SendEnd::Deadline => continue,
                 SendEnd::Rejected(rejected) => RequestFailure::Rejected(rejected),
                 SendEnd::Unknown(error) => RequestFailure::Unknown(error),
                 SendEnd::Gone => RequestFailure::Gone,
             };
-            // An answer that has already come says more than this result.
+            // An answer that has already arrived says more than this result.
             if self.open.received(marker, None).is_some() {
                 self.ends.push_back((marker, Err(failure)));
             }
@@ -117,7 +121,7 @@ impl<Q: Message, R: Message> Requester<Q, R> {
             match self.open.replied(now, reply) {
                 Some((marker, RequestEnd::Reply(_))) => self.ends.push_back((marker, Ok(taken))),
                 Some((marker, RequestEnd::Failed(_))) => self.ends.push_back((marker, Err(RequestFailure::Deadline))),
-                // The answer came too late, or twice.
+                // The answer arrived too late, or twice.
                 None => {}
             }
         }
@@ -126,34 +130,34 @@ impl<Q: Message, R: Message> Requester<Q, R> {
         }
     }
 
-    /// Returns how a request ended, with its marker; called until there is none.
+    /// Returns how a request ended, with its marker. Callers repeat this until it returns none.
     pub fn end_of(&mut self) -> Option<(u64, Answered<R>)> {
         self.ends.pop_front()
     }
 
-    /// Returns how many answers came too late, or twice.
+    /// Returns how many answers arrived too late, or twice.
     pub const fn late(&self) -> u64 {
         self.open.late()
     }
 
-    /// Returns what people see of the queue of answers.
+    /// Returns the status of the queue of answers for people.
     pub fn status(&self) -> QueueStatus {
         self.answers.status()
     }
 }
 
-/// Sends answers to the senders of requests: beside a field `#[calls("Answers")] answers: Calls<QueueMessage, Receipt>`, which the spec
-/// connects with the queue of answers of each of them.
+/// Sends answers to the senders of requests, together with a field `#[calls("Answers")] answers: Calls<QueueMessage,
+/// Receipt>`. The spec connects this field with the queue of answers of each sender.
 #[derive(Debug)]
 pub struct Replier<R> {
     client: QueueClient<R>,
 }
 
 impl<R: Message> Replier<R> {
-    /// Returns a replier that has answered nothing. `instance` is the path of this process.
+    /// Returns a replier that has not answered anything. `instance` is the path of this process.
     ///
     /// # Errors
-    /// If the system gives no random number for its life.
+    /// If the system gives no random number for the replier.
     pub fn new(instance: &str) -> io::Result<Self> {
         Ok(Self { client: QueueClient::new(instance)? })
     }
@@ -161,19 +165,19 @@ impl<R: Message> Replier<R> {
     /// Answers a request with the next [`Replier::work`]; returns the number of the answer. `to` is the header of the request.
     ///
     /// # Errors
-    /// If too many are on their way, or the answer is too long.
+    /// If too many answers are in transit, or the answer is too long.
     pub fn reply(&mut self, now: Time, to: &Header, answer: &R, within: Duration) -> Result<u64, String> {
         let label = Label { category: &to.category, priority: to.priority, marker: to.marker };
         self.client.send_to(now, label, &to.sender, answer, within)
     }
 
-    /// Sends what is due, and takes receipts. Called once in each calculation.
+    /// Sends the answers that are due, and takes receipts. Called once in each calculation.
     pub fn work(&mut self, now: Time, calls: &mut Calls<QueueMessage, Receipt>) {
         self.client.work(now, calls);
     }
 
-    /// Returns how the sending of an answer ended, with its number; called until there is none. [`SendEnd::Unknown`]
-    /// with [`ObjectError::NotConnected`] is an answer to a caller that the spec does not connect.
+    /// Returns how the sending of an answer ended, with its number. Callers repeat this until it returns none.
+    /// [`SendEnd::Unknown`] with [`ObjectError::NotConnected`] means that the spec does not connect the caller.
     pub fn end_of(&mut self) -> Option<(u64, SendEnd)> {
         self.client.end_of()
     }

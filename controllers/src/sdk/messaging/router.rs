@@ -1,8 +1,8 @@
-//! A router of a controller, and the user that subscribes to one.
+//! A router of a controller, and the user that subscribes to a router.
 //!
-//! The subscriber always has one call open at the router, and the router answers it with the next message that the
-//! filters of the subscriber take. So a spec connects a subscription like any call, filters are evaluated at the
-//! sender, and a subscriber that is gone is noticed.
+//! The subscriber always has one call open at the router. The router answers it with the next message that the filters
+//! of the subscriber accept. So a spec connects a subscription like any call, the sender evaluates the filters, and a
+//! missing subscriber is noticed.
 
 use super::queue::{EncodedMessage, Label};
 use super::{Queue, QueueMessage, Receipt, Rejected};
@@ -23,34 +23,34 @@ use std::io;
 use std::marker::PhantomData;
 use std::time::Duration;
 
-/// How many subscribers ask between two calculations at most.
+/// How many subscribers may ask between two calculations.
 const ASKED_MAX: usize = 512;
 /// How many dropped subscribers wait to be reported.
 const DROPPED_MAX: usize = 256;
 /// How long a subscriber waits for an answer: longer than a router waits for a message.
 const ASK_WITHIN: Duration = Duration::from_secs(3);
-/// The pause after a subscription that was refused, or did not reach the router.
+/// The pause after a subscription that was refused or did not reach the router.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// The call of a subscriber that is ready for its next message; it also has the result of the last one.
+/// The call of a subscriber that is ready for its next message. It also contains the result of the last message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Subscription {
     /// The name of the subscriber, for people.
     pub name: String,
-    /// One life of one subscriber: a random number.
+    /// A random number for one run of the subscriber.
     pub life: u64,
-    /// The type that it takes.
+    /// The type of the messages that it takes.
     pub type_name: String,
-    /// The subscriber wants the messages that one of these filters takes; all messages if there are none.
+    /// The subscriber wants the messages that one of these filters accepts; without filters, all messages.
     pub filters: Vec<Filter>,
-    /// The number of the last delivery that it has, and its result.
+    /// The number of the last delivery that has arrived, and its result.
     pub last: Option<(u64, Receipt)>,
 }
 
 /// The answer of a router to a [`Subscription`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Delivery {
-    /// Nothing yet: the subscriber is in the register, and asks again.
+    /// No message yet: the subscriber is in the register, and asks again.
     Nothing,
     /// The next message.
     Message {
@@ -75,11 +75,13 @@ impl Message for RouterStatus {
     const TYPE: &'static str = "RouterStatus";
 }
 
-/// Sends each message to all subscribers whose filters take its header. A field of a controller, which exports a
-/// procedure for it: `exports.procedure_later("News", "...", |desk: &mut Desk, subscription, reply| desk.news.ask(subscription, reply))`.
+/// Sends each message to all subscribers whose filters accept its header. It is a field of a controller, which exports
+/// a procedure for it: `exports.procedure_later("News", "...", |desk: &mut Desk, subscription, reply|
+/// desk.news.ask(subscription, reply))`.
 ///
-/// A slow subscriber fills its own outbox, whose oldest message is dropped, and delays no other. A subscriber that is
-/// silent for 5 s is dropped from the register; both are counted.
+/// A slow subscriber fills its own outbox, from which the oldest message is dropped, and does not delay other
+/// subscribers. If a subscriber is silent for 5 s, it is dropped from the register. Dropped messages and dropped
+/// subscribers are counted.
 #[derive(Debug)]
 pub struct Router<T> {
     machine: Machine,
@@ -88,9 +90,9 @@ pub struct Router<T> {
     asked: Vec<(Subscription, Reply<Delivery>)>,
     /// Subscribers that wait for a message, and since when.
     open: BTreeMap<String, (Reply<Delivery>, Time)>,
-    /// Deliveries whose subscriber has not asked yet.
+    /// Deliveries that wait for the next call of their subscriber.
     ready: BTreeMap<String, (u64, QueueMessage)>,
-    /// Deliveries whose receipt has not come yet.
+    /// Deliveries whose receipt has not arrived yet.
     sent: BTreeMap<String, u64>,
     dropped: Vec<Dropped>,
     of: PhantomData<fn(T)>,
@@ -99,28 +101,28 @@ pub struct Router<T> {
 /// A subscriber that was dropped from the register.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dropped {
-    /// Its name.
+    /// The name of the subscriber.
     pub name: String,
-    /// The reason.
+    /// The reason why it was dropped.
     pub why: Gone,
     /// How many messages for this subscriber were lost.
     pub lost: u64,
 }
 
 impl<T: Message> Router<T> {
-    /// Returns a router without subscribers; `sender` is the sender of its messages, and `outbox_max` how many of them wait for
-    /// a subscriber at most; zero counts as one.
+    /// Returns a router without subscribers. `sender` is the sender of its messages. `outbox_max` is the largest number
+    /// of messages that wait for one subscriber; zero counts as one.
     ///
     /// # Errors
-    /// If the system gives no random number for its life.
+    /// If the system gives no random number for the router.
     pub fn new(sender: &str, outbox_max: usize) -> io::Result<Self> {
         Self::of_type(T::TYPE.to_owned(), sender, outbox_max)
     }
 
-    /// Returns a router of messages of this type, which are encoded already, of a program in another language.
+    /// Returns a router for encoded messages of this type, for a program in another language.
     ///
     /// # Errors
-    /// As of [`Router::new`].
+    /// As in [`Router::new`].
     pub fn of_type(type_name: String, sender: &str, outbox_max: usize) -> io::Result<Self> {
         let settings = RouterSettings { type_name, outbox_max, gone_after: GONE_AFTER };
         Ok(Self {
@@ -136,7 +138,7 @@ impl<T: Message> Router<T> {
         })
     }
 
-    /// Takes a subscription; it is looked at by the next [`Router::work`].
+    /// Takes a subscription; the next [`Router::work`] handles it.
     pub fn ask(&mut self, subscription: Subscription, reply: Reply<Delivery>) {
         if self.asked.len() < ASKED_MAX {
             self.asked.push((subscription, reply));
@@ -145,7 +147,7 @@ impl<T: Message> Router<T> {
         }
     }
 
-    /// Sends a message to all whose filters take it, with the next [`Router::work`]; returns its number.
+    /// Sends a message to all subscribers whose filters accept it, with the next [`Router::work`]; returns its number.
     ///
     /// # Errors
     /// If the data or a name is too long.
@@ -153,7 +155,7 @@ impl<T: Message> Router<T> {
         self.send_encoded(now, label.message(data)?)
     }
 
-    /// Sends a message whose data is encoded; else as [`Router::send`].
+    /// Sends a message with encoded data. Otherwise it works like [`Router::send`].
     ///
     /// # Errors
     /// If the data or a name is too long.
@@ -164,7 +166,7 @@ impl<T: Message> Router<T> {
         Ok(id.number)
     }
 
-    /// Answers subscribers, and drops those that are gone. Called once in each calculation.
+    /// Answers subscribers, and drops missing ones. Called once in each calculation.
     pub fn work(&mut self, now: Time) {
         for (subscription, reply) in std::mem::take(&mut self.asked) {
             self.subscribe(now, subscription, reply);
@@ -186,12 +188,13 @@ impl<T: Message> Router<T> {
         }
     }
 
-    /// Returns a subscriber that was dropped since; called until there is none. They are counted whether this is called or not.
+    /// Returns a subscriber that was dropped. Callers repeat this until it returns none. Dropped subscribers are also
+    /// counted if this is never called.
     pub fn dropped(&mut self) -> Option<Dropped> {
         if self.dropped.is_empty() { None } else { Some(self.dropped.remove(0)) }
     }
 
-    /// Returns what people see of it.
+    /// Returns the status of the router for people.
     pub fn status(&self) -> RouterStatus {
         let mut status = self.machine.status(T::FIELDS.to_owned());
         status.subscribers.iter_mut().for_each(|one| one.queue = name_of(&one.queue).to_owned());
@@ -205,7 +208,7 @@ impl<T: Message> Router<T> {
         if let Some(number) = before {
             let end = match last {
                 Some((known, receipt)) if known == number => DeliveryEnd::Receipt(receipt),
-                // The answer was lost on its way. It is sent again, and its queue takes it once.
+                // The answer was lost in transit. It is sent again, and the subscriber's queue takes it only once.
                 _ => DeliveryEnd::Unreachable,
             };
             self.handle(now, RouterInput::Delivered { queue: key.clone(), delivery: number, end });
@@ -213,7 +216,7 @@ impl<T: Message> Router<T> {
         let request = RouterRequest::Subscribe { queue: key.clone(), type_name, filters };
         match self.handle(now, RouterInput::Request(request)) {
             Some(RouterAnswer::Refused(refusal)) => reply.send(Delivery::Refused(refusal)),
-            // The subscriber is told at once that it is in the register.
+            // The subscriber learns at once that it is in the register.
             Some(RouterAnswer::Subscribed { is_known: false, .. }) => reply.send(Delivery::Nothing),
             Some(RouterAnswer::Subscribed { .. } | RouterAnswer::Unsubscribed | RouterAnswer::Status(_)) | None => {
                 self.open.insert(key, (reply, now));
@@ -250,10 +253,10 @@ fn name_of(key: &str) -> &str {
     key.rsplit_once(' ').map_or(key, |(name, _)| name)
 }
 
-/// Whether a router sends to a user.
+/// The state of a user's subscription.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Subscribed {
-    /// This is not known yet.
+    /// It is not known yet whether the router sends to the user.
     Asking,
     /// The router sends to the user.
     Yes,
@@ -263,37 +266,38 @@ pub enum Subscribed {
     Unknown(ObjectError),
 }
 
-/// Subscribes to the router that the spec connects, beside a field
-/// `#[calls("News")] news: Calls<Subscription, Delivery>`. Messages go into a queue of the controller.
+/// Subscribes to the router that the spec connects, together with a field `#[calls("News")] news: Calls<Subscription,
+/// Delivery>`. Messages go into a queue of the controller.
 #[derive(Debug)]
 pub struct RouterUser {
     name: String,
     life: u64,
     filters: Vec<Filter>,
-    /// The number of the call that is open, and when it is not waited for any more.
+    /// The number of the open call, and the time at which the user stops waiting for it.
     open: Option<(u64, Time)>,
     last: Option<(u64, Receipt)>,
-    /// The time of the next question.
+    /// The time of the next call.
     due: Time,
     state: Subscribed,
 }
 
 impl RouterUser {
-    /// Returns a user that wants what one of the filters takes, or everything if there is none; `name` is for people.
+    /// Returns a user that wants the messages that one of the filters accepts; without filters, all messages. `name` is
+    /// for people.
     ///
     /// # Errors
-    /// If the system gives no random number for its life.
+    /// If the system gives no random number for the user.
     pub fn new(name: &str, filters: Vec<Filter>) -> io::Result<Self> {
         let (life, name, due) = (entropy::number()?, name.to_owned(), Time::ZERO);
         Ok(Self { name, life, filters, open: None, last: None, due, state: Subscribed::Asking })
     }
 
-    /// Takes what has come, and asks for more. Called once in each calculation.
+    /// Takes the messages that have arrived, and asks for more. Called once in each calculation.
     pub fn work<T: Message>(&mut self, now: Time, calls: &mut Calls<Subscription, Delivery>, queue: &mut Queue<T>) {
         self.work_with(now, calls, T::TYPE, &mut |message| queue.receive(message));
     }
 
-    /// Does the same for messages of this type, which `receive` takes.
+    /// Does the same as [`RouterUser::work`] for messages of the type `type_name`, which `receive` takes.
     pub fn work_with(
         &mut self,
         now: Time,
@@ -306,7 +310,7 @@ impl RouterUser {
                 self.answered(now, answer, receive);
             }
         }
-        // The answers to calls of an earlier activation never come.
+        // Answers to calls of an earlier activation never arrive.
         self.open.take_if(|(_, until)| *until <= now);
         if self.open.is_none() && self.due <= now {
             let (name, life, type_name) = (self.name.clone(), self.life, type_name.to_owned());
@@ -316,12 +320,12 @@ impl RouterUser {
         }
     }
 
-    /// Requests other messages from now on.
+    /// Replaces the filters from now on.
     pub fn set_filters(&mut self, filters: Vec<Filter>) {
         self.filters = filters;
     }
 
-    /// Returns whether the router sends to it.
+    /// Returns the state of the subscription.
     pub const fn state(&self) -> &Subscribed {
         &self.state
     }

@@ -18,7 +18,7 @@ impl Message for Wrench {
     const TYPE: &'static str = "Wrench";
 }
 
-/// A base with a command queue behind a lock, and a request queue that anybody may send to.
+/// A base with a command queue behind a lock, and a request queue to which any client may send.
 struct Base {
     commands: Queue<Speed>,
     requests: Queue<Speed>,
@@ -63,7 +63,7 @@ struct Way(Vec<(u64, Answer)>);
 type Answer = Receiver<Result<Vec<u8>, ObjectError>>;
 
 impl Way {
-    /// Carries what a port sends to a procedure; `is_cut` ways lose it.
+    /// Carries the calls of a port to a procedure; if `is_cut`, they are lost.
     fn carry(&mut self, base: &mut Base, name: &str, calls: &mut dyn AnyCalls, is_cut: bool) {
         for order in calls.take() {
             let CallOrder::Make { number, argument, .. } = order else { continue };
@@ -89,7 +89,7 @@ impl Way {
     }
 }
 
-/// A program that drives while it has the wheels.
+/// A program that drives while it holds the lock of the wheels.
 struct Driver {
     user: LockUser,
     asks: Calls<LockRequest, LockAnswer>,
@@ -136,7 +136,7 @@ fn at(ms: u64) -> Time {
     Time::ZERO + Duration::from_millis(ms)
 }
 
-/// Both have turns, every 10 ms from `from` to `to`.
+/// The base and the drivers have turns, every 10 ms from `from` to `to`.
 fn run(base: &mut Base, drivers: &mut [&mut Driver], (from, to): (u64, u64)) {
     for ms in (from..to).step_by(10) {
         base.calculate(at(ms));
@@ -144,7 +144,8 @@ fn run(base: &mut Base, drivers: &mut [&mut Driver], (from, to): (u64, u64)) {
     }
 }
 
-/// The holder is suspended past its lease. When it wakes up it still has its command in hand: the wheels do not hear it.
+/// The holder is suspended for longer than its lease. When it wakes up, it still has a command to send, which the
+/// wheels refuse.
 #[test]
 fn a_holder_that_was_suspended_is_refused_at_the_resource() {
     let (mut base, mut first, mut second) = (Base::new(), Driver::new("first"), Driver::new("second"));
@@ -155,7 +156,7 @@ fn a_holder_that_was_suspended_is_refused_at_the_resource() {
     first.send(at(1300), 1.0, fence);
     run(&mut base, &mut [&mut first], (1300, 1350));
     assert_eq!((first.ends(), base.driven.clone()), (vec![SendEnd::Accepted], vec![1.0]));
-    // It has looked whether it holds the lock, and is suspended.
+    // The first driver has checked that it holds the lock, and is then suspended.
     let in_hand = first.user.held(at(1340));
     assert_eq!(in_hand, fence);
     second.user.want(0);
@@ -189,7 +190,8 @@ fn a_greater_priority_takes_the_wheels_and_a_command_without_the_lock_is_refused
     assert_eq!((base.wheels.held(at(1530)), base.wheels.status().preempted), (None, 1));
 }
 
-/// Cut off, no client gets the lock; messages sent in that time are repeated, and taken once.
+/// While a client is cut off, it does not get the lock. Messages that it sends in this time are repeated, and taken
+/// once.
 #[test]
 fn a_message_is_sent_again_until_it_is_received_and_taken_once() {
     let (mut base, mut driver) = (Base::new(), Driver::new("driver"));
@@ -203,7 +205,7 @@ fn a_message_is_sent_again_until_it_is_received_and_taken_once() {
     assert_eq!((driver.ends(), base.driven.len()), (vec![], 0));
     run(&mut base, &mut [&mut driver], (1400, 1500));
     assert_eq!((driver.ends(), base.driven.clone()), (vec![SendEnd::Accepted], vec![3.0]));
-    // Cut off for longer than a lease: neither it nor anybody on its side has the lock, and it is told so.
+    // The driver is cut off for longer than a lease. It does not hold the lock any more, and is told so.
     for ms in (1500..1800).step_by(10) {
         driver.turn(&mut base, at(ms), true);
     }

@@ -1,8 +1,8 @@
-//! Both ends of a wire compare the type of its values before the first value: two programs that were built from different
-//! definitions are refused, instead of misreading each other.
+//! Both ends of a wire compare the type of its values before the first value. Two programs that were built from
+//! different definitions are refused and cannot misread each other.
 //!
-//! The consumer first answers queries for its type, and then subscribes. So once its producer sees a subscriber, it can
-//! ask. A consumer that does not answer, such as a program of an older DCA, is believed.
+//! The consumer first answers queries for its type, and then subscribes. So once its producer sees a subscriber, the
+//! producer can ask. If a consumer does not answer, such as a program of an older DCA, its type is assumed to fit.
 
 use super::keyring::{Keyring, Use};
 use super::wire::answer_with;
@@ -13,7 +13,7 @@ use comms::logic::object::TypeForm;
 use comms::logic::{codec, key};
 use std::time::Duration;
 
-/// How long a consumer has to name its type: it has just reported that it listens.
+/// How long a consumer has to name its type: at this time it has just reported that it listens.
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 
 /// Answers on a wire's key with the type of an input.
@@ -32,7 +32,7 @@ pub(super) fn declare(
 /// Asks the consumer of a wire for its type.
 ///
 /// # Errors
-/// If this type differs from that of the output; both definitions are shown.
+/// If this type differs from the output's type; both definitions are shown.
 pub(super) fn check(
     session: &DataSession,
     keyring: Option<&Keyring>,
@@ -53,11 +53,11 @@ pub(super) fn check(
     theirs.map_or(Ok(()), |theirs| compare(&theirs, output))
 }
 
-/// Compares the type that the consumer of a wire takes with that of its output. A port without a type, as that of a process that is
-/// replayed, takes and sends any value.
+/// Compares the type that the consumer of a wire takes with the type of the output. A port without a type, such as a
+/// port of a replayed process, takes and sends any value.
 ///
 /// # Errors
-/// If they differ; both definitions are shown.
+/// If the types differ; both definitions are shown.
 pub(super) fn compare(theirs: &TypeForm, output: &PortInterface) -> Result<(), String> {
     let ours = form(output);
     if theirs.name.is_empty() || ours.name.is_empty() || theirs.fits(&ours) {

@@ -23,11 +23,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The exit code of a program whose loop has panicked, as of any other that panics in Rust.
+/// The exit code of a program whose loop has panicked, as for any other panic in Rust.
 const PANICKED: i32 = 101;
-/// How often the node is told the losses of wires.
+/// How often the losses of wires are reported to the node.
 const LOSSES_EVERY: Duration = Duration::from_millis(500);
-/// How many calls of others are carried out before the loop looks whether a calculation is due.
+/// How many calls of others are carried out before the loop checks whether a calculation is due.
 const CALLS_AT_ONCE: usize = 16;
 
 #[derive(Debug)]
@@ -37,7 +37,7 @@ enum Phase {
     Stopping { ending: Ending, until: Time },
 }
 
-/// The loop and all it knows.
+/// The loop and its state.
 pub(super) struct Cycle {
     module: Box<dyn Module>,
     inbox: Arc<Inbox>,
@@ -102,16 +102,16 @@ impl Cycle {
         Arc::clone(&self.heartbeat)
     }
 
-    /// Returns its way to the database.
+    /// Returns the connection of the loop to the database.
     pub(super) fn database(&self) -> Arc<DatabaseLine> {
         Arc::clone(&self.database)
     }
 
-    /// Runs until it is told to leave and nothing runs any more. If the loop itself panics, the whole process leaves: a
-    /// program without its loop would look alive to the node.
+    /// Runs until it is told to leave and no activation runs any more. If the loop itself panics, the whole process
+    /// ends: a program without its loop would look alive to the node.
     pub(super) fn run(self) {
         if catch_unwind(AssertUnwindSafe(|| self.obey())).is_err() {
-            // The panic has been told on standard error.
+            // The panic has been reported on standard error.
             std::process::exit(PANICKED);
         }
     }
@@ -130,7 +130,7 @@ impl Cycle {
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
                     self.heartbeat.enter(Spends::Waiting);
-                    // Its own end comes first: after SIGTERM the process leaves as soon as the inbox is left.
+                    // The module ends first: after SIGTERM the process ends as soon as the inbox is left.
                     drop(self.module);
                     return self.inbox.leave();
                 }
@@ -148,7 +148,7 @@ impl Cycle {
         }
     }
 
-    /// Carries out calls of others; not more of them at once than leave the next calculation its time.
+    /// Carries out calls of others, but only as many at once that the next calculation is not delayed.
     fn serve(&mut self) {
         for _ in 0..CALLS_AT_ONCE {
             let time = now();
@@ -179,7 +179,8 @@ impl Cycle {
         self.call(|module| module.serve(&name, &argument, activity, reply));
     }
 
-    /// Hands the node messages for the activity whose ports the program has. Other programs have none, and calculate often.
+    /// Hands the node messages for the activity whose ports the program has. Other programs have no such messages, and
+    /// calculate often.
     fn hand_messages(&mut self) {
         if !self.module.hears_idle() {
             return;
@@ -215,7 +216,7 @@ impl Cycle {
         }
     }
 
-    /// New parameters are never a reason to end: the controller goes on without the ones that it refuses.
+    /// New parameters never end the activation: the controller continues without the ones that it refuses.
     fn configure(&mut self, arguments: Arguments) {
         let running = !matches!(self.phase, Phase::Idle);
         match self.call(|module| module.configure(arguments, running)) {
@@ -249,7 +250,8 @@ impl Cycle {
         }
     }
 
-    /// Calls the controller. A panic of its code ends the activation; one while it stops ends the stop, with a last call.
+    /// Calls the controller. A panic in its code ends the activation. A panic during a stop ends the stop, with a last
+    /// call.
     fn call<T>(&mut self, call: impl FnOnce(&mut dyn Module) -> T) -> Option<T> {
         let reason = match guarded(|| call(self.module.as_mut())) {
             Ok(result) => return Some(result),
@@ -271,8 +273,8 @@ impl Cycle {
         }
     }
 
-    /// Hands over what has arrived; says whether a calculation is due at once. An idle controller hears nothing; its
-    /// next activation gets what [`Early`] keeps for it.
+    /// Hands over the items that have arrived; returns whether a calculation is due at once. An idle controller gets no
+    /// samples. Its next activation gets the samples that [`Early`] keeps for it.
     fn take_samples(&mut self) -> bool {
         let mut triggered = self.inbox.take_call();
         let hears = !matches!(self.phase, Phase::Idle) || self.module.hears_idle();
@@ -287,7 +289,7 @@ impl Cycle {
                 Item::Lost(..) => {}
                 Item::Taken(switch) => {
                     if triggered && matches!(self.phase, Phase::Running) {
-                        // Values from before the switch have their calculation before any later ones.
+                        // Values from before the switch are calculated before any later values.
                         let time = now();
                         self.arm(time);
                         self.work(time);
@@ -313,10 +315,10 @@ impl Cycle {
         triggered && matches!(self.phase, Phase::Running)
     }
 
-    /// Carries out a switch of inputs: at once, or after the next calculation if outputs follow from the values before
-    /// it.
+    /// Carries out a switch of inputs: at once, or after the next calculation if outputs depend on the values before
+    /// the switch.
     fn take_switch(&mut self, switch: TakenSwitch) {
-        // A wire that is only opened is for values after the switch. Consumers hold back later values only for a
+        // If a switch only opens wires, later values need it at once. Consumers hold back later values only for a
         // limited time.
         let closes = switch.then.as_ref().is_some_and(|flip| !flip.close.is_empty());
         let is_soon = self.schedule.trigger.is_none() && self.due.since(now()) < HOLD_WITHIN / 2;
@@ -355,7 +357,8 @@ impl Cycle {
         tracing::warn!(%error, "a sample was not taken");
     }
 
-    /// Sets the next deadline: one period after a trigger, or on the grid, which a trigger inside a group leaves alone. Missed ones are counted.
+    /// Sets the next deadline: one period after a trigger, or else on the grid, which a trigger inside a group does not
+    /// change. Missed deadlines are counted.
     fn arm(&mut self, time: Time) {
         let period = self.schedule.period;
         if self.schedule.trigger.is_some() {
@@ -411,7 +414,7 @@ impl Cycle {
         }
     }
 
-    /// Tells the node regularly the losses of wires. If the node is lost, the next node is told.
+    /// Reports the losses of wires to the node regularly. If the node is lost, the next node gets them.
     fn tell_losses(&mut self, time: Time) {
         if time >= self.losses_due {
             self.losses_due = time + LOSSES_EVERY;
@@ -425,7 +428,7 @@ impl Cycle {
         self.finish_switches();
         self.links.callers().cancel_all();
         self.database.cancel_all();
-        // The last values count, and the peaks since the last sample.
+        // The last values are sent, and the peaks since the last sample.
         (self.signals_due, self.losses_due) = (Time::ZERO, Time::ZERO);
         self.tell_losses(now());
         self.show(now());
@@ -460,8 +463,8 @@ impl Cycle {
         }
         self.signals_due = time + every;
         let missed = self.peaks.sampled(&values, time);
-        // The names are the same from the first sample on, so that a record has one schema. Losses that wait count: a calculation that
-        // takes long may be the last one.
+        // The names are the same from the first sample on, so that a record has one schema. Losses that wait in the
+        // inbox also count: a calculation that takes long may be the last one.
         let counts = [
             (OVERRUNS, self.overruns),
             (LOST_VALUES, self.lost + self.inbox.waiting_losses()),
@@ -478,7 +481,7 @@ impl Cycle {
         }
     }
 
-    /// A node that is gone is noticed by the listener, and told later.
+    /// The listener notices that a node is gone, and the notice is sent later.
     fn tell(&self, notice: &Notice) {
         if let Err(error) = self.notices.send(notice) {
             tracing::debug!(%error, "the node was not told");
@@ -486,7 +489,7 @@ impl Cycle {
     }
 }
 
-/// Calls the controller; a panic of its code becomes a reason.
+/// Calls the controller. A panic in its code becomes a reason.
 fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
         let text = panic.downcast_ref::<&str>().copied().or_else(|| panic.downcast_ref::<String>().map(String::as_str));
@@ -507,7 +510,7 @@ mod tests {
     use std::io::Read;
     use std::os::unix::net::{UnixListener, UnixStream};
 
-    /// Panics once, in the call of this name.
+    /// Panics once, in the call with this name.
     struct Fragile {
         interface: Interface,
         breaks_in: Cell<&'static str>,
@@ -566,7 +569,7 @@ mod tests {
         }
     }
 
-    /// Runs a controller that panics in `call`, and then once more.
+    /// Runs a controller that panics in `call`, and then activates it once more.
     fn check(call: &'static str, expected: &[Notice]) {
         let path = std::env::temp_dir().join(format!("dca-cycle-{}-{call}", std::process::id()));
         let listener = UnixListener::bind(&path).unwrap();

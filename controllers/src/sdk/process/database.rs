@@ -1,7 +1,7 @@
-//! The controller's requests to the database of its node, and those without an answer yet: between its loop and the
-//! control channel.
+//! The requests of the controller to the database of its node, and the requests without an answer. This module is
+//! between the loop and the control channel.
 //!
-//! Nothing is sent twice. When the node was lost, open requests are answered with "unknown", and watches start again.
+//! Nothing is sent twice. If the node was lost, the answer to open requests is "unknown", and watches start again.
 
 use super::inbox::Inbox;
 use super::node_line::NoticeLog;
@@ -12,7 +12,7 @@ use comms::logic::database::{DatabaseAnswer, DatabaseRefusal, DatabaseRequest};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The way of a program to the database.
+/// The connection of a program to the database.
 #[derive(Debug)]
 pub(super) struct DatabaseLine {
     notices: NoticeLog,
@@ -23,18 +23,18 @@ pub(super) struct DatabaseLine {
 #[derive(Debug, Default)]
 struct Open {
     made: u64,
-    /// By its number on the channel.
+    /// By its number on the channel, each request.
     requests: BTreeMap<u64, Asked>,
 }
 
 #[derive(Debug)]
 struct Asked {
     activation: u32,
-    /// Its number in the activation.
+    /// The number of the request in its activation.
     number: u64,
-    /// The watched keys, if it is a watch: it is requested again.
+    /// The request of a watch, which is repeated on a new channel; none for other requests.
     watch: Option<DatabaseRequest>,
-    /// The channel that it went over; none if there was no node.
+    /// The channel over which the request was sent; none without a node.
     channel: Option<u64>,
 }
 
@@ -52,7 +52,7 @@ impl DatabaseLine {
         Self { notices, open: Mutex::default() }
     }
 
-    /// Carries out an order of an activation; never waits.
+    /// Executes an order of an activation; never waits.
     pub(super) fn order(&self, activation: u32, order: DatabaseOrder, inbox: &Inbox) {
         let mut open = self.open();
         match order {
@@ -85,7 +85,7 @@ impl DatabaseLine {
     /// Takes an answer of the node.
     pub(super) fn take(&self, id: u64, answer: DatabaseAnswer, inbox: &Inbox) {
         let mut open = self.open();
-        // The answer belongs to a request that is no longer wanted.
+        // The answer to a request that is no longer wanted is dropped.
         let Some(asked) = open.requests.get(&id) else { return };
         let (activation, number) = (asked.activation, asked.number);
         if !answer.is_part() {
@@ -94,7 +94,7 @@ impl DatabaseLine {
         inbox.database(Answered { activation, number, answer: Ok(answer) });
     }
 
-    /// There is a new channel: requests over earlier ones have no answer, and watches start again.
+    /// Takes note of a new channel: requests over earlier channels get the answer "unknown", and watches start again.
     pub(super) fn renew(&self, inbox: &Inbox) {
         let (mut open, channel) = (self.open(), self.notices.channel());
         let Open { made, requests } = &mut *open;
@@ -112,7 +112,7 @@ impl DatabaseLine {
         }
     }
 
-    /// The activation is over: its requests are dropped.
+    /// Drops all requests, because the activation is over.
     pub(super) fn cancel_all(&self) {
         for (id, asked) in std::mem::take(&mut self.open().requests) {
             if asked.watch.is_some() {
@@ -121,7 +121,7 @@ impl DatabaseLine {
         }
     }
 
-    /// Sends a request about a watch. A watch needs a node.
+    /// Sends a request about a watch. Without a node it is lost.
     fn say(&self, number: u64, request: DatabaseRequest) {
         if let Err(error) = self.notices.send_now(&Notice::Database { number, request }) {
             tracing::debug!(%error, "the node was not told");

@@ -1,4 +1,4 @@
-//! The links of a program to devices and to people. They are always open, and are not wires of a spec.
+//! The links of a program to devices and to people. They are always open, and do not belong to the wires of a spec.
 
 use super::inbox::{Hold, Inbox};
 use super::keyring::Keyring;
@@ -12,14 +12,14 @@ use comms::logic::codec::{self, Enveloped};
 use comms::logic::key::{self, Channel};
 use std::sync::Arc;
 
-/// The links of a program to devices and to people, from its first links on.
+/// The links of a program to devices and to people; they exist after its first links were made.
 #[derive(Debug, Default)]
 pub(super) struct Devices {
     outputs: Vec<DeviceOutput>,
     inputs: Vec<Subscription>,
     signals: Option<Publisher>,
     pub(super) taps: Taps,
-    /// Held for as long as calls are to arrive.
+    /// Kept as long as calls are to arrive.
     serving: Serving,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Devices {
 struct DeviceOutput {
     port: &'static str,
     publisher: Publisher,
-    /// In a team.
+    /// The voucher for its samples, in a team.
     voucher: Option<Arc<Voucher>>,
 }
 
@@ -46,14 +46,14 @@ impl DeviceOutput {
 }
 
 impl Devices {
-    /// Sends a value of an output to the devices that it is for.
+    /// Sends a value of an output to its devices.
     pub(super) fn send(&self, port: &str, payload: &Payload) {
         for device in self.outputs.iter().filter(|device| device.port == port) {
             device.put(payload.clone());
         }
     }
 
-    /// Publishes signals, or the peaks between them.
+    /// Publishes signals, or their peaks between two samples.
     pub(super) fn show(&self, signals: &impl Enveloped) {
         if let (Some(publisher), Ok(bytes)) = (&self.signals, codec::encode(signals)) {
             put(publisher, bytes.into());
@@ -97,7 +97,7 @@ impl Devices {
     ) -> Result<(), String> {
         let device = port.device_key().ok_or_else(|| format!("`{}` is not a device key", port.name))?;
         let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
-        // A device of another deployment has the keys of that.
+        // A device of another deployment has the keys of that deployment.
         let owner = orders.devices.iter().find(|other| other.device == device.name);
         let robot = owner.map_or(&orders.robot, |owner| &owner.deployment);
         let key = key::hardware(robot, device.name, channel);

@@ -2,7 +2,7 @@
 
 use comms::logic::control::{self, Notice};
 
-/// The most bytes of a reason to abort. A longer one is cut.
+/// The largest size of a reason to abort, in bytes. A longer reason is cut.
 const REASON_MAX: usize = 4096;
 
 /// How the present activation ends once `stop` has finished.
@@ -14,9 +14,9 @@ pub(super) enum Ending {
 }
 
 impl Ending {
-    /// Returns the notice of this end. A notice above the limit of a frame would be lost, and the activation would never end: a value that is
-    /// too large is an abort, and a reason that is too long is cut. `unconfirmed` names the work
-    /// outside of the program that may go on.
+    /// Returns the notice of this end. A notice above the limit of a frame would be lost, and the activation would
+    /// never end. So a value that is too large becomes an abort, and a reason that is too long is cut. `unconfirmed`
+    /// names the work outside of the program that may continue.
     pub(super) fn notice(self, activation: u32, unconfirmed: Option<String>) -> Notice {
         match (self, unconfirmed) {
             (Self::Stopped, Some(reason)) => Notice::StopUnconfirmed { activation, reason: cut(reason) },

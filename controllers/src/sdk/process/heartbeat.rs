@@ -1,8 +1,8 @@
-//! The program's signs of life for its watcher: of its control loop, not of the process.
+//! The program's signs of life for its watcher: they show that its control loop works, not only its process.
 //!
-//! The loop records its activity in one atomic number, which costs it two stores a round. A separate thread looks at
-//! that number four times in the watcher's bound and sends a sign only if the loop has moved, or waits for an order or
-//! its next deadline. So nothing is sent for a loop that hangs in a calculation, nor for a process that is suspended.
+//! The loop records its activity in one atomic number, which costs it two stores per round. A separate thread reads
+//! that number four times per bound of the watcher. It only sends a sign if the loop has moved, or waits for an order
+//! or its next deadline. So nothing is sent for a loop that hangs in a calculation, nor for a suspended process.
 //! Source: sd_notify(3).
 
 use comms::io::clock::{Wakeup, now};
@@ -12,12 +12,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// How many looks there are in a bound.
+/// The number of checks per bound.
 const LOOKS: u32 = 4;
-/// The shortest time between two looks.
+/// The shortest time between two checks.
 const LOOK_MIN: Duration = Duration::from_millis(1);
 
-/// The state of the loop: its round, and in the two lowest bits how it is spent.
+/// The state of the loop: its round, and in the two lowest bits how the loop spends its time.
 #[derive(Debug, Default)]
 pub(super) struct Heartbeat {
     state: AtomicU64,
@@ -35,13 +35,14 @@ pub(super) enum Spends {
 }
 
 impl Heartbeat {
-    /// Notes what the loop does from now on; only the loop calls this.
+    /// Records how the loop spends its time from now on. Only the loop calls this.
     pub(super) fn enter(&self, spends: Spends) {
         let round = self.state.load(Ordering::Relaxed) >> 2;
         self.state.store((round + 1) << 2 | spends as u64, Ordering::Release);
     }
 
-    /// Returns the sign of life to be sent now, if the loop has given one since `before`, which is brought up to date.
+    /// Returns the sign of life to be sent now; none if the loop calculates and has not moved since `before`, the state
+    /// at the last check. Updates `before`.
     fn sign(&self, before: &mut Option<u64>) -> Option<String> {
         let state = self.state.load(Ordering::Acquire);
         let moved = before.replace(state) != Some(state);
@@ -61,7 +62,7 @@ pub(super) struct Watcher {
 }
 
 impl Watcher {
-    /// Returns the watcher of this program from its environment; there may be none. Source: sd_watchdog_enabled(3).
+    /// Returns the watcher of this program from its environment, if there is one. Source: sd_watchdog_enabled(3).
     pub(super) fn of_environment() -> Option<Self> {
         let bound = std::env::var("WATCHDOG_USEC").ok()?.parse().ok()?;
         let socket = PathBuf::from(std::env::var_os("NOTIFY_SOCKET")?);
@@ -69,14 +70,14 @@ impl Watcher {
         Some(Self { socket, every })
     }
 
-    /// Sends the loop's signs of life for as long as the process lives. The first one is sent when this returns: a
-    /// program is watched from its first sign on, so none may be suspended unwatched once its loop runs.
+    /// Sends the loop's signs of life as long as the process lives. The first sign has been sent when this returns. A
+    /// program is watched from its first sign on, so it cannot be suspended without being watched once its loop runs.
     ///
     /// # Errors
     /// If the thread or its socket cannot be made.
     pub(super) fn tell(self, heartbeat: Arc<Heartbeat>) -> std::io::Result<()> {
         let socket = UnixDatagram::unbound()?;
-        // A watcher that is suspended must not hold up the next sign.
+        // A suspended watcher must not delay the next sign.
         socket.set_nonblocking(true)?;
         let (Self { socket: path, every }, mut before) = (self, None);
         let mut look = move || {
@@ -95,7 +96,7 @@ impl Watcher {
                 look();
             }
         };
-        // Nobody could join a thread that lives as long as the process.
+        // A thread that lives as long as the process cannot be joined.
         std::thread::Builder::new().name("heartbeat".to_owned()).spawn(run).map(drop)
     }
 }

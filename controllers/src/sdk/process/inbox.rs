@@ -17,9 +17,10 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
-/// How many samples wait for one input. A further sample replaces the oldest of this input, so no busy input affects others.
+/// How many samples wait for one input. A further sample replaces the oldest sample of this input, so a busy input does
+/// not affect others.
 const SAMPLES_MAX: usize = 64;
-/// How many commands wait; a controller that has not taken so many is stuck.
+/// How many commands wait; a controller that leaves so many is stuck.
 const COMMANDS_MAX: usize = 64;
 
 /// A command of the node to the control loop.
@@ -29,13 +30,13 @@ pub(super) enum Command {
     Activate { activation: u32, value: Vec<u8>, since: Time },
     /// Stop this activation.
     Stop { activation: u32 },
-    /// Go on with these parameters.
+    /// Continue with these parameters.
     Configure(Arguments),
-    /// These ports are connected with keys of the database.
+    /// Use these connections between ports and keys of the database.
     Connect(Vec<KeyPort>),
     /// The fate of a message for the activity whose ports the program has.
     Received { number: u64, fate: MessageFate },
-    /// Stop whatever runs, then end.
+    /// Stop any activation, then end.
     Leave,
 }
 
@@ -45,7 +46,7 @@ pub(super) struct Arrived {
     pub(super) port: &'static str,
     pub(super) value: Value,
     pub(super) at: Time,
-    /// The number of its wire, if no device has sent it.
+    /// The number of its wire; none if a device has sent it.
     pub(super) wire: Option<u32>,
     pub(super) hold: Hold,
 }
@@ -60,13 +61,12 @@ impl Arrived {
     }
 }
 
-/// How samples of a wire wait.
+/// How the samples of a wire wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Hold {
-    /// How many at most.
-    pub(super) count_max: usize,
-    /// Whether the last one waits for the next activation, however long that takes.
-    pub(super) is_latched: bool,
+    /// The number of its wire; none if a device has sent it.
+    pub(super) wire: Option<u32>,
+    pub(super) hold: Hold,
 }
 
 impl Default for Hold {
@@ -86,22 +86,22 @@ impl Hold {
 #[derive(Debug)]
 pub(super) enum Item {
     Sample(Arrived),
-    /// So many values were sent to this input, and do not come.
+    /// This many values were sent to this input, but will not arrive.
     Lost(&'static str, u64),
-    /// A switch of inputs has come: all samples before it came before the switch.
+    /// A switch of inputs has arrived: all samples before this item arrived before the switch.
     Taken(TakenSwitch),
 }
 
-/// A switch of inputs that has come, for the node and for outputs.
+/// A switch of inputs that has arrived, for the node and for outputs.
 #[derive(Debug)]
 pub(super) struct TakenSwitch {
     /// The notice for the node.
     pub(super) notice: Notice,
-    /// Outputs to flip with it.
+    /// The outputs to flip with this switch.
     pub(super) then: Option<Flip>,
 }
 
-/// A sample before it is known whether it has to wait for others.
+/// A sample for which it is not known yet whether it has to wait for others.
 #[derive(Debug)]
 struct Sample {
     port: &'static str,
@@ -114,19 +114,19 @@ struct Sample {
 struct Waiting {
     commands: VecDeque<Command>,
     items: VecDeque<Item>,
-    /// The order of samples that switches of wires ask for.
+    /// The order of samples that switches of wires require.
     intake: Intake<Sample>,
-    /// By wire, which numbers have come.
+    /// By wire, which numbers have arrived.
     gaps: BTreeMap<u32, Gaps>,
     losses: Losses,
     refusals: Refusals,
-    /// By generation, the switches that are expected: the number of the order, and outputs to flip.
+    /// By generation, the expected switches: the number of the order, and the outputs to flip.
     expected: BTreeMap<u64, (u64, Option<Flip>)>,
-    /// Calls that others make.
+    /// The calls of other programs.
     calls: CallTable<(IncomingCall, Weak<DataSession>)>,
-    /// The calls that the loop has taken, and may still answer: whether the caller waits.
+    /// The calls that the loop has taken and may still answer, each with whether the caller waits.
     wanted: BTreeMap<CallId, Weak<AtomicBool>>,
-    /// Answers to calls that this program makes.
+    /// The answers to calls of this program.
     answers: Vec<OwnAnswer>,
     /// Answers of the database.
     database: Vec<Answered>,
@@ -137,9 +137,9 @@ struct Waiting {
 #[derive(Debug, Default)]
 struct Losses {
     of_wires: BTreeMap<u32, u64>,
-    /// By input.
+    /// By input, the number of refused values.
     refused: BTreeMap<&'static str, u64>,
-    /// Whether the node has not been told.
+    /// Whether there are numbers that the node does not know yet.
     is_news: bool,
 }
 
@@ -165,22 +165,22 @@ pub(super) struct ToServe {
     pub(super) reply: RawReply,
 }
 
-/// Filled by the listener and zenoh's threads, emptied by the cycle.
+/// The inbox: the listener and zenoh's threads fill it, and the cycle empties it.
 #[derive(Debug, Default)]
 pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
     has_left: Condvar,
     wakeup: Wakeup,
-    /// The arrivals over direct paths, which the loop reads by itself.
+    /// The arrivals over direct paths, which the loop reads itself.
     inlets: OnceLock<Arc<Inlets>>,
-    /// Whether the last wait has read the arrivals, and nothing was taken since.
+    /// Whether the last wait has read the arrivals, and nothing has been taken since.
     has_read: AtomicBool,
-    /// Whether the controller wants a calculation for something that is not from a port.
+    /// Whether the controller wants a calculation because of something that is not from a port.
     is_called: AtomicBool,
 }
 
 impl Inbox {
-    /// Lets the loop read the arrivals over direct paths; to be called before the loop begins.
+    /// Lets the loop read the arrivals over direct paths. Call this before the loop begins.
     pub(super) fn read_from(&self, inlets: &Arc<Inlets>) {
         self.inlets.get_or_init(|| Arc::clone(inlets));
     }
@@ -199,12 +199,12 @@ impl Inbox {
         self.wake();
     }
 
-    /// Returns whether a calculation was made due, once.
+    /// Returns whether a calculation was made due since the last call.
     pub(super) fn take_call(&self) -> bool {
         self.is_called.swap(false, Ordering::AcqRel)
     }
 
-    /// Waits until something is here, or until `until`; without a deadline for ever. Arrivals over direct paths are
+    /// Waits until there is an item, or until `until`; without a deadline for ever. Arrivals over direct paths are
     /// read.
     pub(super) fn wait(&self, until: Option<Time>) {
         match self.inlets.get() {
@@ -213,7 +213,7 @@ impl Inbox {
         }
     }
 
-    /// Puts a command in the queue; says whether there was room.
+    /// Puts a command into the queue; returns whether there was room.
     pub(super) fn command(&self, command: Command) -> bool {
         let room = {
             let commands = &mut self.lock().commands;
@@ -227,13 +227,13 @@ impl Inbox {
         room
     }
 
-    /// Takes a sample that no switch affects.
+    /// Takes a sample that is not affected by switches.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
         self.lock().push(Sample { port, value: bytes.into(), wire: None, hold });
         self.wake();
     }
 
-    /// Takes what has come over a wire.
+    /// Takes an item that has arrived over a wire.
     pub(super) fn arrive(
         &self,
         wire: u32,
@@ -263,12 +263,12 @@ impl Inbox {
         self.pass(|intake, out| intake.expect(now(), expect, out));
     }
 
-    /// Takes note that a wire is linked, before anything comes over it.
+    /// Records that a wire is linked, before anything arrives over it.
     pub(super) fn link(&self, wire: u32) {
         self.lock().intake.link(wire);
     }
 
-    /// Forgets wires that are not linked any more.
+    /// Forgets wires that are no longer linked.
     pub(super) fn forget(&self, wires: impl IntoIterator<Item = u32>) {
         let wires: Vec<u32> = wires.into_iter().collect();
         let mut waiting = self.lock();
@@ -278,7 +278,7 @@ impl Inbox {
         self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));
     }
 
-    /// Returns when something that is waited for is given up, or something refused is to be told.
+    /// Returns when the wait for an expected item ends, or when refusals are to be reported.
     pub(super) fn deadline(&self) -> Option<Time> {
         let waiting = self.lock();
         [waiting.intake.deadline(), waiting.refusals.deadline()].into_iter().flatten().min()
@@ -302,7 +302,7 @@ impl Inbox {
         }
     }
 
-    /// Notes that a call was cancelled.
+    /// Records that a call was cancelled.
     pub(super) fn cancelled(&self, id: &CallId) {
         let mut waiting = self.lock();
         drop(waiting.calls.cancel(id));
@@ -337,7 +337,7 @@ impl Inbox {
 
     /// Takes an answer to a call of this program.
     pub(super) fn answered(&self, call: Call, result: Result<Vec<u8>, ObjectError>) {
-        // As many as the calls that were made, which are few.
+        // There are only as many answers as calls were made, which are few.
         self.lock().answers.push((call, result));
         self.wake();
     }
@@ -346,7 +346,8 @@ impl Inbox {
         std::mem::take(&mut self.lock().answers)
     }
 
-    /// Returns the losses of each wire and the refusals of each input since the program began, if the node does not know them yet.
+    /// Returns the losses of each wire and the refusals of each input since the program began, if the node does not
+    /// know them yet.
     pub(super) fn take_losses(&self) -> Option<Notice> {
         let losses = &mut self.lock().losses;
         std::mem::take(&mut losses.is_news).then(|| Notice::Losses {
@@ -355,32 +356,32 @@ impl Inbox {
         })
     }
 
-    /// Notes that an input has refused a value, because a number in it is not finite.
+    /// Records that an input has refused a value, because a number in it is not finite.
     pub(super) fn refuse_value(&self, input: &'static str) {
         let losses = &mut self.lock().losses;
         *losses.refused.entry(input).or_default() += 1;
         losses.is_news = true;
     }
 
-    /// Notes that a message without the seal of the other end has come over a wire.
+    /// Records that a message without the seal of the other end has arrived over a wire.
     pub(super) fn refuse(&self, wire: u32, why: Refusal, from: Option<String>) {
         self.lock().refusals.note(now(), wire, why, from);
         self.wake();
     }
 
-    /// Notes that the program at the other end of a wire has changed.
+    /// Records that the program at the other end of a wire has changed.
     pub(super) fn partner_changed(&self, wire: u32) {
         self.lock().refusals.changed(wire);
     }
 
-    /// Returns what is to be told to the node now: what was refused.
+    /// Returns the refusals that are to be reported to the node now.
     pub(super) fn take_refused(&self) -> Option<Notice> {
         let refusals = &mut self.lock().refusals;
         let wires = refusals.deadline().map_or(Vec::new(), |_| refusals.take(now()));
         (!wires.is_empty()).then_some(Notice::Refused { wires })
     }
 
-    /// Makes sure that another node is told of all losses.
+    /// Makes all losses count as unknown, so that another node gets them.
     pub(super) fn tell_losses_again(&self) {
         let losses = &mut self.lock().losses;
         losses.is_news = !losses.of_wires.is_empty() || !losses.refused.is_empty();
@@ -388,7 +389,7 @@ impl Inbox {
 
     /// Takes an answer of the database.
     pub(super) fn database(&self, answered: Answered) {
-        // As many as there are requests, and as a watch may have on their way.
+        // There are only as many answers as requests, and as a watch may have in transit.
         self.lock().database.push(answered);
         self.wake();
     }
@@ -405,7 +406,7 @@ impl Inbox {
         if let Some(inlets) = self.inlets.get()
             && !self.has_read.swap(false, Ordering::Relaxed)
         {
-            // A loop that is late does not wait.
+            // A late loop has not waited, so it reads the arrivals here.
             inlets.read();
         }
         let (mut waiting, now) = (self.lock(), now());
@@ -417,13 +418,13 @@ impl Inbox {
         std::mem::take(&mut waiting.items)
     }
 
-    /// Returns how many values were lost that [`Inbox::take_items`] will tell of.
+    /// Returns how many values were lost that [`Inbox::take_items`] will report.
     pub(super) fn waiting_losses(&self) -> u64 {
         let count = |item: &Item| if let Item::Lost(_, count) = item { *count } else { 0 };
         self.lock().items.iter().map(count).sum()
     }
 
-    /// Notes that the cycle has ended.
+    /// Records that the cycle has ended.
     pub(super) fn leave(&self) {
         self.lock().left = true;
         self.has_left.notify_all();
@@ -455,7 +456,7 @@ impl Waiting {
         self.items.push_back(Item::Sample(Arrived { port, value, at: now(), wire, hold }));
     }
 
-    /// Notes values of an input that are lost, before the item at this place.
+    /// Records lost values of an input, before the item at the index `at`.
     fn lost(&mut self, at: usize, port: &'static str, count: u64) {
         let before = at.checked_sub(1).and_then(|before| self.items.get_mut(before));
         match before {
@@ -510,7 +511,7 @@ mod tests {
         assert_eq!(Hold::of(&Shape::default()), Hold::default());
     }
 
-    /// A link has lost numbers 2 to 4; then one value is replaced in a full queue.
+    /// A link has lost the numbers 2 to 4; then one value is replaced in a full queue.
     #[test]
     fn what_a_link_has_lost_is_counted_before_what_comes_after_it() {
         let inbox = Inbox::default();

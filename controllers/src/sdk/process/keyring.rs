@@ -3,7 +3,7 @@
 //!
 //! The keys are made at the start of the process and never leave it. They also identify the data session, which accepts
 //! links from the programs at the other ends of wires. The node sends the public keys of these programs, and sends them
-//! again when one of them was restarted; existing seals then take the new key.
+//! again after one of them was restarted. Existing seals then use the new key.
 
 use super::inbox::Inbox;
 use super::warrants::Warrants;
@@ -21,15 +21,15 @@ use team::program::{ProgramIdentity, Sealing};
 /// The use of a sealing key: for the values of a wire's producer, or for the messages of its consumer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Use {
-    /// Sent or answered by the producer.
+    /// For messages that the producer sends or answers.
     Values,
-    /// Answered by the consumer.
+    /// For answers of the consumer.
     Type,
-    /// Sent by the caller.
+    /// For messages of the caller.
     Call,
-    /// Sent by a caller that cancels.
+    /// For messages of a caller that cancels.
     Cancel,
-    /// Answered by the server.
+    /// For answers of the server.
     Result,
 }
 
@@ -48,7 +48,7 @@ impl Use {
 /// The keys, and the objects that seal with them.
 #[derive(Debug)]
 pub(super) struct Keyring {
-    /// The identity with the keys. It also judges visitors.
+    /// The identity, which has the keys. It also checks the calls of visitors.
     identity: Arc<ProgramIdentity>,
     counter: SealCounter,
     inbox: Arc<Inbox>,
@@ -63,8 +63,8 @@ struct Serving {
     gate: Arc<CallGate>,
 }
 
-/// By the number of the wire; kept for the life of the program, so that no message is accepted twice because a wire was
-/// made again.
+/// The state by the number of the wire. It is kept for the life of the program, so that a wire that was made again
+/// cannot accept a message twice.
 #[derive(Debug, Default)]
 struct State {
     partners: BTreeMap<u32, Arc<Partner>>,
@@ -73,22 +73,23 @@ struct State {
     serving: Option<Serving>,
     /// The programs that share a device, by its name.
     sharing: BTreeMap<String, Vec<Arc<Partner>>>,
-    /// By device and key.
+    /// By device and key, the vouchers.
     vouchers: BTreeMap<(String, String), Arc<Voucher>>,
     gates: BTreeMap<(String, String), Arc<DeviceGate>>,
-    /// Opens samples of a device from one of the programs that share it, by the keys of both. No sample is accepted twice.
+    /// The openers of samples from the programs that share a device, by the keys of both programs. No sample is
+    /// accepted twice.
     senders: BTreeMap<(String, Vec<u8>), Arc<Opener>>,
 }
 
 impl Keyring {
-    /// Seals with the keys of a program.
+    /// Returns a keyring that seals with the keys of a program.
     pub(super) fn new(identity: &Arc<ProgramIdentity>, inbox: &Arc<Inbox>) -> Self {
         let (identity, inbox) = (Arc::clone(identity), Arc::clone(inbox));
         let warrants = Arc::new(Warrants::new(&inbox));
         Self { identity, counter: SealCounter::default(), inbox, warrants, state: Mutex::default() }
     }
 
-    /// Returns the calls of users that the node judges.
+    /// Returns the calls of users that the node checks.
     pub(super) const fn warrants(&self) -> &Arc<Warrants> {
         &self.warrants
     }
@@ -151,7 +152,7 @@ impl Keyring {
         Some(WireSecrets { shown: secret(Sealing::Here)?, expected: secret(Sealing::There)? })
     }
 
-    /// Returns the voucher for samples of a device to the programs that share it. `key` is that of the samples.
+    /// Returns the voucher for samples of a device to the programs that share it. `key` is the key of the samples.
     pub(super) fn voucher(&self, device: &str, key: &str) -> Arc<Voucher> {
         let mut state = self.state();
         let voucher = Arc::new(Voucher::default());
@@ -191,7 +192,7 @@ impl Keyring {
         partners.into_iter().filter_map(sender).collect()
     }
 
-    /// Returns the sealer for one use of a wire. `key` is that of the wire, or of the calls.
+    /// Returns the sealer for one use of a wire. `key` is the key of the wire, or of the calls.
     pub(super) fn sealer(&self, wire: u32, used: Use, key: &str) -> Arc<Sealer> {
         self.sealer_in(&mut self.state(), wire, used, key)
     }
@@ -201,7 +202,7 @@ impl Keyring {
         self.opener_in(&mut self.state(), wire, used, key)
     }
 
-    /// Returns how calls go over a wire to the server of these keys.
+    /// Returns the path of calls over a wire to the server with these keys.
     pub(super) fn way(&self, wire: u32, keys: &ObjectKeys) -> CallWay {
         let mut state = self.state();
         CallWay::Sealed {
@@ -211,7 +212,7 @@ impl Keyring {
         }
     }
 
-    /// Returns the gate for calls on these keys: it lets in the programs at the other ends of wires, and visitors.
+    /// Returns the gate for calls with these keys. It lets in the programs at the other ends of wires, and visitors.
     pub(super) fn gate(&self, keys: &ObjectKeys) -> Arc<CallGate> {
         let (identity, inbox) = (Arc::clone(&self.identity), Arc::clone(&self.inbox));
         let visits = move |proof: &Proof, digest: &Digest| identity.visit_problem(proof, digest);
@@ -222,7 +223,7 @@ impl Keyring {
         gate
     }
 
-    /// Lets the programs at the other ends of wires call.
+    /// Allows calls from the programs at the other ends of wires.
     fn admit(&self, state: &mut State) {
         let Some(Serving { keys, gate }) = state.serving.take() else { return };
         let mut callers = Vec::new();
@@ -267,7 +268,7 @@ impl Keyring {
     fn shared(&self, partner: &Partner, sealing: Sealing, about: &str) -> Option<SealKey> {
         let secret = self.identity.keys().wire(&partner.keys, sealing, about);
         let secret = secret.inspect_err(|error| tracing::warn!(about, %error, "there is no key")).ok()?;
-        // No third program can read messages between programs of the machine, so there it is enough to prove the
+        // No third program can read messages between programs of one machine. So there it is enough to prove the
         // sender.
         Some(SealKey::new(&secret, if partner.is_near { Cover::Sender } else { Cover::Bytes }))
     }

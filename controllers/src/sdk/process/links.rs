@@ -21,9 +21,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long a program may take to reach another one: dialling takes four round trips, of 3 s each on a long link.
+/// The time limit for reaching another program: dialling takes four round trips, of 3 s each on a long link.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
-/// How long this program waits for all others together after a restart: some of them may be gone for good.
+/// How long this program waits for all other programs together after a restart. Some may be gone for ever.
 const REJOIN_WITHIN: Duration = Duration::from_secs(1);
 
 /// The orders of the node: the wires and devices to link.
@@ -38,58 +38,58 @@ pub(super) struct LinkOrders {
 
 #[derive(Debug, Default)]
 struct Made {
-    /// By the number of the wire, as are the fetches and the subscriptions of inputs.
+    /// By the number of the wire; the fetches and the subscriptions of inputs are sorted in the same way.
     wires: BTreeMap<u32, Wire>,
     fetches: BTreeMap<u32, Arc<Fetch>>,
     inputs: BTreeMap<u32, (Responder, WireInput)>,
-    /// By output, the memory that it shares with consumers of this host.
+    /// By output, the memory that the output shares with consumers of this host.
     memories: BTreeMap<&'static str, Memory>,
     devices: Devices,
 }
 
-/// Every link of the program. Flags are flipped by the listener while the cycle sends.
+/// All links of the program. The listener flips flags while the cycle sends.
 #[derive(Debug, Default)]
 pub(super) struct Links {
     made: Mutex<Made>,
-    /// Whether links were made once.
+    /// Whether links have been made.
     are_made: AtomicBool,
-    /// Held while links are added to others.
+    /// Held while links are added to existing ones.
     turn: Mutex<()>,
     told: Mutex<PendingConfig>,
     callers: Callers,
-    /// In a team.
+    /// The keys, in a team.
     keyring: Option<Arc<Keyring>>,
-    /// The way to programs of this host, if there is one.
+    /// The direct path to programs of this host, if there is one.
     direct: Option<Arc<DirectPath>>,
 }
 
 /// The configuration that arrives before the links are made.
 #[derive(Debug, Default)]
 struct PendingConfig {
-    /// How data moves.
+    /// By wire, how data moves.
     shapes: BTreeMap<u32, Shape>,
-    /// Its calls of others.
+    /// The calls of other programs.
     calls: Vec<CallRoute>,
-    /// Whether the other programs run already.
+    /// Whether the other programs already run.
     rejoins: bool,
 }
 
 /// How long this program waits for others.
 #[derive(Clone, Copy, Debug)]
 enum DialBudget {
-    /// This time for each program; if one of them is missing, no links are made.
+    /// This time for each program. If one of them is missing, no links are made.
     Each(Duration),
-    /// Until this time for all of them together; a program that is missing then is linked when it comes.
+    /// Until this time for all programs together. A program that is missing then is linked when it starts.
     Until(Time),
 }
 
 impl Links {
-    /// Returns no links. With keys everything that goes over them is sealed.
+    /// Returns an empty set of links. With keys, all messages over the links are sealed.
     pub(super) fn new(keyring: Option<Arc<Keyring>>, direct: Option<Arc<DirectPath>>) -> Self {
         Self { keyring, direct, ..Self::default() }
     }
 
-    /// Returns the keys, in a team.
+    /// Returns the keys; none without a team.
     pub(super) fn keyring(&self) -> Option<&Keyring> {
         self.keyring.as_deref()
     }
@@ -102,12 +102,12 @@ impl Links {
         self.direct.iter().for_each(|direct| direct.keys_changed());
     }
 
-    /// Notes how data is to move on wires that are made later.
+    /// Records how data moves on wires that are made later.
     pub(super) fn shape(&self, wires: Vec<Shape>) {
         self.told().shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
     }
 
-    /// Notes the calls that the program makes.
+    /// Records the calls that the program makes.
     pub(super) fn call(&self, calls: Vec<CallRoute>) {
         self.told().calls = calls;
     }
@@ -117,7 +117,7 @@ impl Links {
         &self.callers
     }
 
-    /// Notes that the others run already.
+    /// Records that the other programs already run.
     pub(super) fn rejoin(&self) {
         self.told().rejoins = true;
     }
@@ -130,7 +130,7 @@ impl Links {
         self.told().shapes.get(&wire).copied().unwrap_or(Shape { wire, ..Shape::default() })
     }
 
-    /// Returns whether links were made before.
+    /// Returns whether links have been made.
     pub(super) fn are_made(&self) -> bool {
         self.are_made.load(Ordering::Acquire)
     }
@@ -140,8 +140,8 @@ impl Links {
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes every link; the wires stay closed. Existing links stay as they are, open or closed, unless these orders no
-    /// longer contain them. If one cannot be made, nothing changes.
+    /// Makes all links; the wires stay closed. Existing links stay open or closed, unless these orders no longer contain
+    /// them. If one link cannot be made, nothing changes.
     pub(super) fn make(
         &self,
         session: &Arc<DataSession>,
@@ -191,8 +191,7 @@ impl Links {
             dial(&call.server).map_err(|why| format!("call `{}`: {why}", call.call))?;
         }
         self.callers.take(session, keyring, &orders.instance, interface, &calls, inbox)?;
-        // Consumers have their inputs before any producer sends: a value that is sent once must find its consumer
-        // there.
+        // Consumers get their inputs before any producer sends: a value that is sent only once must find its consumer.
         for wire in made.wires.values() {
             if let Transport::Push(Push { publisher, .. }) = &wire.way
                 && !publisher.wait_heard(budget.left())
@@ -224,7 +223,7 @@ impl Links {
     }
 
     /// Closes and opens wires between two values. Earlier values are not delivered late, except the last value of a
-    /// latched wire. Repeated, it only repeats the boundaries.
+    /// latched wire. A repeated call only repeats the boundaries.
     pub(super) fn flip(&self, flip: &Flip) {
         let Flip { generation, close, open } = flip;
         let opened: Vec<u32> = open.iter().map(|opening| opening.wire).collect();
@@ -278,7 +277,8 @@ impl Links {
         }
     }
 
-    /// Sends a long value of an output that is encoded right into memory, if all its present receivers share that memory.
+    /// Sends a long value of an output that is encoded directly into memory, if all its present receivers share that
+    /// memory.
     fn send_filled(&self, port: &str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool {
         let (mut made, now) = (self.lock(), now());
         let Made { wires, memories, devices, .. } = &mut *made;
@@ -290,7 +290,7 @@ impl Links {
         let Some(mut parcel) = Parcel::filled(memory, fill) else { return false };
         devices.taps.count(port);
         for wire in &mut own {
-            // A consumer may have gone just now.
+            // A consumer may have gone a moment ago.
             if wire.flow.pass(now) && !wire.send_directly(&mut parcel) {
                 wire.send(&parcel.to_vec(memory).into());
             }
@@ -298,22 +298,23 @@ impl Links {
         true
     }
 
-    /// Publishes signals, or the peaks between them.
+    /// Publishes signals, or their peaks between two samples.
     pub(super) fn show(&self, signals: &impl Enveloped) {
         self.lock().devices.show(signals);
     }
 
-    /// Returns the inputs that have to be fetched before each calculation.
+    /// Returns the inputs whose values have to be fetched before each calculation.
     pub(super) fn fetches(&self) -> Vec<Arc<Fetch>> {
         self.lock().fetches.values().cloned().collect()
     }
 
-    /// Returns whether some wire from the program with this session takes the direct path.
+    /// Returns whether a wire from the program with this session uses the direct path.
     pub(super) fn hears_directly(&self, session: &str) -> bool {
         self.lock().inputs.values().any(|(_, hearing)| hearing.of_producer(session))
     }
 
-    /// Hears a restarted program on this host again. It takes some time; to be called in one's [`Links::turn`].
+    /// Subscribes again to a program on this host that was restarted. This takes some time; hold [`Links::turn`] for
+    /// it.
     pub(super) fn relink(&self, session: &DataSession, inbox: &Arc<Inbox>, lost: &str, found: &Dial) {
         let of_lost = |_: &u32, (_, hearing): &mut (Responder, WireInput)| hearing.of_producer(lost);
         let moved: Vec<_> = self.lock().inputs.extract_if(.., of_lost).collect();
@@ -358,7 +359,7 @@ impl DialBudget {
 }
 
 impl Made {
-    /// Returns the way of a new wire that has a consumer which listens.
+    /// Returns the way of a new wire whose consumer listens.
     fn heard(&self, wire: u32) -> Option<&Push> {
         match &self.wires.get(&wire)?.way {
             Transport::Push(push) if push.publisher.is_heard() => Some(push),
@@ -371,7 +372,7 @@ impl Made {
         self.fetches.contains_key(&wire) || self.inputs.contains_key(&wire)
     }
 
-    /// Takes on new links, and drops those that the orders do not name. Returns the inputs that it drops.
+    /// Adds new links, and drops the links that the orders do not name. Returns the dropped inputs.
     fn take(&mut self, new: Self, orders: &LinkOrders, is_first: bool) -> Vec<u32> {
         let (outgoing, incoming): (BTreeSet<u32>, BTreeSet<u32>) = (
             orders.outgoing.iter().map(|outgoing| outgoing.wire).collect(),
@@ -440,7 +441,7 @@ mod tests {
             producer.answer(key, move || held.lock().unwrap().recv().ok().map(|()| Vec::new())).unwrap()
         };
         let responders: Vec<_> = keys.iter().map(silent).collect();
-        // Earlier declarations are known when this publisher is.
+        // Earlier declarations are known as soon as this publisher is known.
         let publisher = consumer.publisher(&key::wire("pulls", 1, 99), Priority::Wire).unwrap();
         let subscriptions = producer.on_sample(&key::wire("pulls", 1, 99), |_| ()).unwrap();
         let location = producer.location();
@@ -457,8 +458,8 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// A way there and back that takes longer than the time to wait for an answer: each value comes with a later call, none comes twice, and
-    /// none after a newer one.
+    /// A round trip that takes longer than the wait for an answer. Each value arrives with a later call, none arrives
+    /// twice, and none arrives after a newer one.
     #[test]
     fn an_answer_that_is_late_is_taken_later() {
         let folder = std::env::temp_dir().join(format!("dca-late-{}", std::process::id()));
@@ -471,7 +472,7 @@ mod tests {
         let number = move || count.fetch_add(1, Ordering::Relaxed);
         let _answering = producer.answer(&key, move || Some(number().to_le_bytes().to_vec())).unwrap();
         let _hearing = producer.on_sample(&key::wire("late", 1, 1), |_| ()).unwrap();
-        // Earlier declarations are known when this publisher's other end is.
+        // Earlier declarations are known as soon as the other end of this publisher is known.
         let publisher = consumer.publisher(&key::wire("late", 1, 1), Priority::Wire).unwrap();
         let locators = vec![format!("unixsock-stream/{}", folder.join("x.sock").display())];
         consumer.dial(&Dial { session: producer.location().session, locators }, LONG).unwrap();
@@ -486,7 +487,7 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// Carries connections from one socket on to another, every byte so much later. Its threads end with the test.
+    /// Carries connections from one socket to another, and delays every byte by `delay`. Its threads end with the test.
     fn relay(at: &Path, to: PathBuf, delay: Duration) {
         let listener = UnixListener::bind(at).unwrap();
         std::thread::spawn(move || {
@@ -518,7 +519,7 @@ mod tests {
         });
     }
 
-    /// Links stand up to 3 s there and back, and stay.
+    /// Links with a round trip of up to 3 s can be made, and stay.
     #[test]
     fn links_are_made_over_2900_ms_of_round_trip() {
         let folder = std::env::temp_dir().join(format!("dca-far-{}", std::process::id()));

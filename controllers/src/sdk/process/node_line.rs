@@ -1,9 +1,9 @@
-//! The program's line to its node, which outlives every channel: the program looks for a node that was killed and started
-//! again, and sends it the messages that it has missed.
+//! The program's connection to its node, which outlives every channel. If a node was killed and restarted, the program
+//! looks for it and sends it the messages that it has missed.
 //!
-//! Both sides count the messages they send and take since the program's start. Invariant: an order that was taken is
-//! obeyed, and counted, before the next one is taken; a notice is kept before it is sent. So each message in transit
-//! when a channel broke is repeated by its sender, and none is delivered twice.
+//! Both sides count the messages that they have sent and taken since the program's start. Invariant: an order that was
+//! taken is obeyed and counted before the next one is taken, and a notice is stored before it is sent. So when a
+//! channel breaks, each sender repeats the messages in transit, and none is delivered twice.
 
 use comms::io::clock::{Wakeup, now};
 use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver, Received};
@@ -16,22 +16,23 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 
-/// How long the first node has to take the connection.
+/// The time limit for the first node to accept the connection.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
-/// How long a program that begins looks for its node.
+/// How long a starting program looks for its node.
 const FIRST_WITHIN: Duration = Duration::from_secs(60);
 /// The delay before a lost node is first looked for; each further delay is twice as long.
 const DIAL_FIRST: Duration = Duration::from_millis(5);
-/// The longest pause between two tries. A node also has this long to accept the connection.
+/// The longest pause between two attempts. A node also has this long to accept the connection.
 const DIAL_EVERY: Duration = Duration::from_millis(100);
-/// How long a node has to answer before it is dialled once more: it may be suspended, or replaced by another node.
+/// The time limit for an answer of a node. After this time the program dials again: the node may be suspended, or
+/// replaced by another node.
 const ANSWER_WITHIN: Duration = Duration::from_secs(10);
-/// How many notices are kept at most: those about messages of an activity, 144, and room for others.
+/// The largest number of stored notices: 144 about messages of an activity, and room for others.
 const KEPT_MAX: usize = 256;
-/// How many bytes of the newest notices are kept at least; the notice in which they begin is also kept.
+/// The least size of the newest notices that are stored, in bytes. The notice in which this size begins is also stored.
 const KEPT_SIZE: usize = 4 << 20;
 
-/// Why no more orders come.
+/// Why no more orders arrive.
 #[derive(Debug, Error)]
 pub(super) enum LineError {
     #[error("the node is gone")]
@@ -42,7 +43,7 @@ pub(super) enum LineError {
     Missed { has: u64, made: u64, kept: usize },
 }
 
-/// Why a node was not found this time.
+/// Why an attempt did not find a node.
 #[derive(Debug, Error)]
 enum NotFound {
     #[error("{0}")]
@@ -57,7 +58,7 @@ enum NotFound {
     Line(#[from] LineError),
 }
 
-/// Sends notices to whichever node is there, and keeps them for the next one. Clones share one record.
+/// Sends notices to the present node, and stores them for the next one. Clones share one log.
 #[derive(Clone, Debug)]
 pub(super) struct NoticeLog {
     log: Arc<Mutex<Log>>,
@@ -66,40 +67,40 @@ pub(super) struct NoticeLog {
 #[derive(Debug)]
 struct Log {
     kept: Kept,
-    /// None while there is no node.
+    /// The channel to the node; none without a node.
     channel: Option<NoticeSender>,
-    /// How many channels there were before.
+    /// The number of earlier channels.
     channels: u64,
 }
 
-/// The newest notices, as they travel.
+/// The newest notices, as encoded frames.
 #[derive(Debug, Default)]
 struct Kept {
-    /// How many there were since the program's start.
+    /// The number of notices since the program's start.
     made: u64,
     frames: VecDeque<Vec<u8>>,
-    /// Of all frames, in bytes.
+    /// The size of all frames, in bytes.
     size: usize,
 }
 
-/// Receives orders from whichever node is there.
+/// Receives orders from the present node.
 #[derive(Debug)]
 pub(super) struct NodeLine {
     socket: PathBuf,
     instance: String,
-    /// The process that has started this one.
+    /// The process that started this one.
     parent: u32,
     receiver: OrderReceiver,
-    /// How many counted orders were taken since the program's start.
+    /// The number of counted orders that were taken since the program's start.
     orders: u64,
     notices: NoticeLog,
 }
 
-/// Dials the node that has started this program as `instance`; `parent` is the process that did so for it. A node that was killed
-/// meanwhile is waited for.
+/// Dials the node that has started this program as `instance`; `parent` is the process that did this for the node. If
+/// the node was killed in the meantime, waits for it.
 ///
 /// # Errors
-/// If no node listens on `socket` for a minute, or none does and the parent is gone.
+/// If no node listens on `socket` for a minute, or none listens and the parent is gone.
 pub(super) fn connect(socket: &Path, instance: &str, parent: u32) -> Result<(NoticeLog, NodeLine), ControlError> {
     let (until, pause, mut wait) = (now() + FIRST_WITHIN, Wakeup::default(), DIAL_FIRST);
     let (sender, receiver) = loop {
@@ -123,10 +124,10 @@ impl NoticeLog {
         Self { log: Arc::new(Mutex::new(Log { kept: Kept::default(), channel: Some(sender), channels: 0 })) }
     }
 
-    /// Sends a notice, now or once a node is there; never waits.
+    /// Sends a notice, now or once there is a node; never waits.
     ///
     /// # Errors
-    /// If it is too long; it then counts for nothing.
+    /// If the notice is too long; it then does not count.
     pub(super) fn send(&self, notice: &Notice) -> Result<(), ControlError> {
         let frame = control::notice_frame(notice)?;
         let mut log = self.lock();
@@ -134,7 +135,7 @@ impl NoticeLog {
         if let Some(channel) = &log.channel
             && let Err(error) = channel.send_frame(frame)
         {
-            // The reader of orders gets the end of the channel, and looks for a node that reads.
+            // The end of the channel reaches the reader of orders, which looks for a node that reads.
             tracing::warn!(%error, "the node does not take notices");
             channel.close();
             log.channel = None;
@@ -142,11 +143,11 @@ impl NoticeLog {
         Ok(())
     }
 
-    /// Sends a notice for the present channel alone, and keeps nothing; never waits. Returns the number of the channel,
-    /// or none without a node.
+    /// Sends a notice over the present channel only, and does not store it; never waits. Returns the number of the
+    /// channel, or none without a node.
     ///
     /// # Errors
-    /// If it is too long.
+    /// If the notice is too long.
     pub(super) fn send_now(&self, notice: &Notice) -> Result<Option<u64>, ControlError> {
         let frame = control::notice_frame(notice)?;
         let mut log = self.lock();
@@ -160,7 +161,7 @@ impl NoticeLog {
         Ok(Some(log.channels))
     }
 
-    /// Sends a notice now, if there is one; without a node the notice is lost.
+    /// Sends the notice, if there is one; without a node it is lost.
     pub(super) fn tell(&self, notice: Option<Notice>) {
         notice.into_iter().for_each(|notice| drop(self.send_now(&notice)));
     }
@@ -171,7 +172,7 @@ impl NoticeLog {
         log.channels + u64::from(log.channel.is_none())
     }
 
-    /// Waits until the node has been sent everything; at most 2 s, and not for a node that is not there.
+    /// Waits until all notices have been sent to the node, at most for 2 s. Without a node, does not wait.
     pub(super) fn flush(&self) {
         let channel = self.lock().channel.clone();
         if let Some(channel) = channel {
@@ -179,7 +180,7 @@ impl NoticeLog {
         }
     }
 
-    /// Returns how many notices there were.
+    /// Returns the number of notices since the program's start.
     fn made(&self) -> u64 {
         self.lock().kept.made
     }
@@ -188,7 +189,7 @@ impl NoticeLog {
         self.lock().channel = None;
     }
 
-    /// Continues with a node that already has so many notices.
+    /// Continues with a node that already has `has` notices.
     fn attach(&self, channel: NoticeSender, has: u64) -> Result<(), NotFound> {
         let mut log = self.lock();
         let Some(missed) = log.kept.after(has) else {
@@ -222,7 +223,8 @@ impl Kept {
         }
     }
 
-    /// Returns the notices after number `has`, the oldest first; none if they are not all here, or that one never was.
+    /// Returns the notices after number `has`, the oldest first; none if some of them are not stored any more, or
+    /// number `has` was never sent.
     fn after(&self, has: u64) -> Option<impl Iterator<Item = &Vec<u8>>> {
         let missing = usize::try_from(self.made.checked_sub(has)?).ok()?;
         let first = self.frames.len().checked_sub(missing)?;
@@ -231,14 +233,15 @@ impl Kept {
 }
 
 impl NodeLine {
-    /// Waits for the next order, even if the node is away for long. [`Order::Resumed`] shows that a node is there again.
+    /// Waits for the next order, even if the node is away for a long time. [`Order::Resumed`] shows that there is a
+    /// node again.
     ///
     /// # Errors
-    /// If the node and the program's parent are gone, or the node's message cannot be understood.
+    /// If the node and the program's parent are gone, or a message of the node cannot be understood.
     pub(super) fn next(&mut self) -> Result<Order, LineError> {
         loop {
             match self.receiver.recv() {
-                // This answer belongs to no question.
+                // No question belongs to this answer.
                 Ok(Some(Order::Resumed { .. })) => continue,
                 Ok(Some(order)) => {
                     self.orders += u64::from(order.is_counted());
@@ -254,7 +257,7 @@ impl NodeLine {
         }
     }
 
-    /// Returns how many notices the node has that was found.
+    /// Looks for a node, and returns how many notices it has.
     fn find_node(&mut self) -> Result<u64, LineError> {
         self.notices.detach();
         let (pause, mut wait) = (Wakeup::default(), DIAL_FIRST);
@@ -290,7 +293,7 @@ impl NodeLine {
         Err(NotFound::Silent)
     }
 
-    /// Without node and parent, nothing would ever end this program.
+    /// Checks whether the parent lives: without node and parent, nothing would ever end this program.
     fn check_parent(&self) -> Result<(), LineError> {
         if parent_id() == self.parent { Ok(()) } else { Err(LineError::Gone) }
     }
@@ -301,7 +304,7 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    /// Pushes frames of these sizes; returns how many are kept.
+    /// Pushes frames of these sizes; returns the stored frames.
     fn kept(sizes: impl IntoIterator<Item = usize>) -> Kept {
         let mut kept = Kept::default();
         sizes.into_iter().for_each(|size| kept.push(vec![0; size]));
@@ -314,7 +317,7 @@ mod tests {
         let numbers = |kept: &Kept| kept.frames.iter().map(Vec::len).collect::<Vec<_>>();
         assert_eq!(numbers(&kept([])), Vec::<usize>::new());
         assert_eq!(numbers(&kept(1..=300)), (45..=300).collect::<Vec<_>>());
-        // A large one stays as long as less than the whole allowance has come after it.
+        // A large frame stays until the frames after it have reached the whole allowance.
         assert_eq!(numbers(&kept([7, KEPT_SIZE, 9])), vec![KEPT_SIZE, 9]);
         assert_eq!(numbers(&kept([3 * KEPT_SIZE, KEPT_SIZE - 1])), vec![3 * KEPT_SIZE, KEPT_SIZE - 1]);
         assert_eq!(numbers(&kept([3 * KEPT_SIZE, KEPT_SIZE - 1, 1])), vec![KEPT_SIZE - 1, 1]);

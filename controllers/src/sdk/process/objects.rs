@@ -1,7 +1,7 @@
-//! The exports of a program, and its calls of others: between its loop and its data session.
+//! The exports of a program, and its calls of others. This module is between the loop and the data session.
 //!
-//! Calls that arrive wait in the inbox of the loop. A separate thread sends the program's own calls, since a link that takes
-//! nothing may block the sender.
+//! Calls that arrive wait in the inbox of the loop. A separate thread sends the program's own calls, because a link
+//! that accepts nothing may block its sender.
 
 use super::inbox::Inbox;
 use super::keyring::Keyring;
@@ -23,7 +23,7 @@ use std::time::Duration;
 /// How many calls wait to be sent.
 const JOBS_MAX: usize = 64;
 
-/// Serves the exports of a program, from its first links on.
+/// Serves the exports of a program; it exists after the program's first links were made.
 #[derive(Debug, Default)]
 pub(super) struct Serving {
     _server: Option<ObjectServer>,
@@ -39,22 +39,22 @@ pub(super) struct Callers {
 
 #[derive(Debug, Default)]
 struct Shared {
-    /// By the number of the wire.
+    /// By the number of the wire, the routes.
     routes: Mutex<BTreeMap<u32, Route>>,
     pending: Mutex<BTreeMap<Call, PendingCall>>,
 }
 
-/// Names a call of this program: its activation, which call of the interface, its number.
+/// Identifies a call of this program: its activation, the name of the call in the interface, and its number.
 pub(super) type Call = (u32, &'static str, u64);
 
-/// The way to the called export.
+/// The path to the called export.
 #[derive(Clone, Debug)]
 struct Route {
     call: &'static str,
     keys: ObjectKeys,
-    /// The process that is called.
+    /// The called process.
     path: String,
-    /// The procedure or state there.
+    /// The procedure or state of this process.
     name: String,
     signature: Signature,
     way: CallWay,
@@ -88,7 +88,7 @@ impl Serving {
             session.serve_calls(&keys, gate, move |event| of.hear(event))
         };
         let server = Some(exports).filter(|exports| !exports.is_empty()).map(serve).transpose()?;
-        // A program without exports answers as well: silence means that it was not reached.
+        // A program without exports also answers: silence means that it was not reached.
         let exports = interface.exports.iter().map(ExportInterface::exported).collect();
         let described = codec::encode(&Exports { exports }).ok();
         let describing = session.answer(&key::exports(robot, instance), move || described.clone())?;
@@ -96,13 +96,13 @@ impl Serving {
     }
 }
 
-/// The exports of a program, and the queue that their calls go to.
+/// The exports of a program, and the queue for their calls.
 struct Served {
     key: String,
     exports: Vec<ExportInterface>,
     inbox: Arc<Inbox>,
     session: Weak<DataSession>,
-    /// Calls of users, in a team.
+    /// The calls of users, in a team.
     warrants: Option<Arc<Warrants>>,
 }
 
@@ -168,7 +168,7 @@ impl Callers {
         }
     }
 
-    /// Carries out an order of the loop about a call; never waits.
+    /// Executes an order of the loop about a call; never waits.
     pub(super) fn order(&self, activation: u32, call: &'static str, order: CallOrder, inbox: &Inbox) {
         let (job, number) = match order {
             CallOrder::Cancel { number } => (Job::Cancel((activation, call, number)), number),
@@ -193,7 +193,7 @@ impl Callers {
         }
     }
 
-    /// Stops waiting for any answer.
+    /// Stops waiting for all answers.
     pub(super) fn cancel_all(&self) {
         if let Some(jobs) = &*self.jobs() {
             // If the queue is full, the calls end when their time is over.
@@ -201,7 +201,7 @@ impl Callers {
         }
     }
 
-    /// Ends the thread.
+    /// Stops the thread that sends calls.
     pub(super) fn clear(&self) {
         *self.jobs() = None;
         self.shared.pending().clear();
@@ -246,7 +246,8 @@ fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, shared:
                 match session.call(&route.keys, &route.way, &asked, take) {
                     Ok(pending) => {
                         let mut all = shared.pending();
-                        // An answer that has come already finds nothing to take out; one that comes now waits for this.
+                        // If the answer has already arrived, there is nothing to remove later. An answer that arrives
+                        // now waits for this lock.
                         if !pending.is_over() {
                             all.insert(call, pending);
                         }

@@ -6,14 +6,14 @@ use comms::logic::time::Time;
 /// Watches the signals of one activation.
 #[derive(Debug, Default)]
 pub(super) struct Watch {
-    /// Of each signal the value of largest magnitude since the last sample, and when that was.
+    /// For each signal, the value of the largest magnitude since the last sample, and its time.
     largest: Vec<(Signal, Time)>,
     /// The magnitudes in the last sample.
     shown: Vec<f64>,
 }
 
 impl Watch {
-    /// Looks at the signals of one calculation.
+    /// Takes the signals of one calculation.
     pub(super) fn look(&mut self, signals: &[Signal], time: Time) {
         let fresh = || signals.iter().map(|signal| (signal.clone(), time)).collect();
         if self.largest.is_empty() {
@@ -34,8 +34,8 @@ impl Watch {
         }
     }
 
-    /// Returns the peaks that the sample of `time` does not show, and starts again with it. It is the last one looked
-    /// at.
+    /// Returns the peaks that the sample at `time` does not show, and starts again with this sample. It is the last one
+    /// that was taken.
     pub(super) fn sampled(&mut self, sample: &[Signal], time: Time) -> Vec<Peak> {
         let mut missed = Vec::new();
         for (index, (largest, at)) in self.largest.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Reads the secrets that a node hands to a program: as files in memory when it is started, and over the control channel when they
-//! change.
+//! Reads the secrets that a node hands to a program: as files in memory when the program is started, and over the
+//! control channel when they change.
 
 use crate::sdk::arguments::{Arguments, SECRET_MAX, Secret};
 use std::fs::File;
@@ -7,13 +7,13 @@ use std::io::{self, Read as _};
 use zeroize::Zeroizing;
 
 impl Arguments {
-    /// Reads a secret parameter; what is returned is wiped when it is dropped. A secret that has changed in the database comes with
-    /// [`Controller::configure`], like every other parameter.
+    /// Reads a secret parameter; the returned bytes are wiped when they are dropped. If a secret has changed in the
+    /// database, the new value comes with [`Controller::configure`], like every other parameter.
     ///
     /// [`Controller::configure`]: crate::sdk::Controller::configure
     ///
     /// # Errors
-    /// Its file cannot be read, has more than 64 KiB, or the type declares no such parameter.
+    /// If its file cannot be read or has more than 64 KiB, or if the type does not declare this parameter.
     pub fn secret(&self, name: &str) -> io::Result<Zeroizing<Vec<u8>>> {
         let path = match self.place_of_secret(name) {
             Some(Secret::File(path)) => path,

@@ -1,4 +1,5 @@
-//! The outputs of a program for people who watch it at work: each value goes to the watching clients, over no wire.
+//! The outputs of a program, for people who watch the running program: each value is sent to the watching clients,
+//! without a wire.
 
 use crate::sdk::interface::{Direction, Interface};
 use crate::sdk::module::InnerValue;
@@ -7,7 +8,7 @@ use comms::io::data::{DataError, DataSession, Priority, Publisher, Responder};
 use comms::logic::tap::{InnerOutput, OutputType, Outputs, Tapped};
 use comms::logic::{codec, key};
 
-/// The taps of a program, from its first links on.
+/// The taps of a program; they exist after its first links were made.
 #[derive(Debug, Default)]
 pub(super) struct Taps {
     taps: Vec<Tap>,
@@ -20,12 +21,12 @@ pub(super) struct Taps {
 struct Tap {
     output: String,
     publisher: Publisher,
-    /// How many values have left the output; inside a group those are counted there.
+    /// How many values have left the output. Inside a group, the group counts them.
     number: u64,
 }
 
 impl Tap {
-    /// Shows a value to the watching clients.
+    /// Sends a value to the watching clients.
     fn show(&self, tapped: &Tapped) {
         if let Err(error) = codec::encode(tapped)
             .map_err(|error| error.to_string())
@@ -65,7 +66,7 @@ impl Taps {
         self.taps.iter_mut().filter(|tap| tap.output == output).for_each(|tap| tap.number += 1);
     }
 
-    /// Counts a value of an output, and shows it to the watching clients. A value that is too long to be shown is still
+    /// Counts a value of an output, and sends it to the watching clients. A value that is too long to be sent is still
     /// counted.
     pub(super) fn pass(&mut self, output: &str, bytes: &[u8]) {
         let Some(tap) = self.taps.iter_mut().find(|tap| tap.output == output) else { return };
@@ -75,7 +76,8 @@ impl Taps {
         }
     }
 
-    /// Shows values of outputs inside a group, and sets which of them are watched from now on.
+    /// Sends values of outputs inside a group to the watching clients, and sets which of these outputs are watched from
+    /// now on.
     pub(super) fn show_inner(&self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
         for InnerValue { at, number, bytes } in values.drain(..) {
             if let Some(tap) = self.inner.get(at) {

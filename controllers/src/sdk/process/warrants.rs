@@ -1,7 +1,7 @@
 //! Calls of users in a team, from their arrival until the node has judged whether the user may make them.
 //!
-//! The node judges, because it knows the members of the team and the requests that it has accepted, and because it writes the audit
-//! log. If the node is lost before it has answered, the call is refused and has not happened.
+//! The node judges, because it knows the members of the team and the requests that it has accepted, and because it
+//! writes the audit log. If the node is lost before it has answered, the call is refused and was not executed.
 
 use super::inbox::Inbox;
 use super::node_line::NoticeLog;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 #[derive(Debug)]
 pub(super) struct Warrants {
     inbox: Arc<Inbox>,
-    /// The way to the node, once there is one.
+    /// The connection to the node, once there is one.
     notices: OnceLock<NoticeLog>,
     open: Mutex<Open>,
 }
@@ -40,12 +40,12 @@ impl Warrants {
         Self { inbox: Arc::clone(inbox), notices: OnceLock::new(), open: Mutex::default() }
     }
 
-    /// Asks the node this way from now on.
+    /// Uses this connection to ask the node from now on.
     pub(super) fn ask_by(&self, notices: &NoticeLog) {
         self.notices.get_or_init(|| notices.clone());
     }
 
-    /// Lets in a call that needs no user's right, and asks the node about any other call. Never waits.
+    /// Accepts a call for which a user does not need a right, and asks the node about any other call. Never waits.
     pub(super) fn admit(&self, key: &str, access: Access, mut incoming: IncomingCall, session: &Weak<DataSession>) {
         let warrant = incoming.call.warrant.take();
         if !incoming.is_visit || access == Access::Look {
@@ -80,7 +80,7 @@ impl Warrants {
         }
     }
 
-    /// Takes the judgement of the node.
+    /// Takes the decision of the node.
     pub(super) fn judged(&self, number: u64, refusal: Option<String>) {
         let Some(Waiting { incoming, session, .. }) = self.open().calls.remove(&number) else { return };
         match refusal {
@@ -89,7 +89,7 @@ impl Warrants {
         }
     }
 
-    /// There is another channel: questions that went over earlier ones get no answer.
+    /// Takes note of a new channel: questions over earlier channels get no answer.
     pub(super) fn renew(&self) {
         let Some(channel) = self.notices.get().map(NoticeLog::channel) else { return };
         let lost: Vec<Waiting> =

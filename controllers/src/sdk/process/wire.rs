@@ -19,25 +19,26 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How long a producer of the same host has to take a consumer. Then the wire goes over zenoh.
+/// The time limit for a producer on the same host to accept a consumer. After this the wire uses zenoh.
 const DIRECT_WITHIN: Duration = Duration::from_secs(2);
-/// How long an answer to a consumer that fetches may take: as long as a silent link stands.
+/// The longest time for an answer to a consumer that fetches: as long as a silent link is kept.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 /// How many questions of one wire may be in transit.
 const ASKED_MAX: usize = 8;
 
-/// An output's way to one consumer.
+/// The path from an output to one consumer.
 #[derive(Debug)]
 pub(super) struct Wire {
     pub(super) port: &'static str,
     pub(super) flow: Flow,
     pub(super) way: Transport,
-    /// Shows the values, which are sealed for the consumer, to people, in a team.
+    /// In a team, publishes to people the values that are sealed for the consumer.
     seen: Option<Publisher>,
 }
 
 impl Wire {
-    /// Sends a value that has passed to a consumer on the same host. Returns whether it has no other receiver.
+    /// Sends a value that has passed the flow to a consumer on the same host. Returns whether the value has no other
+    /// receiver.
     pub(super) fn send_directly(&self, parcel: &mut Parcel<'_>) -> bool {
         match &self.way {
             Transport::Push(push) => push.put_directly(parcel, self.flow.number()) && !self.is_seen(),
@@ -45,7 +46,7 @@ impl Wire {
         }
     }
 
-    /// Returns whether a consumer on this host is the only receiver of its values.
+    /// Returns whether a consumer on this host is the only receiver of the values.
     pub(super) fn is_direct(&self) -> bool {
         let Transport::Push(Push { publisher, outlet }) = &self.way else { return false };
         let is_connected = outlet.as_ref().is_some_and(Outlet::is_connected);
@@ -57,7 +58,7 @@ impl Wire {
         self.seen.as_ref().is_some_and(Publisher::is_heard)
     }
 
-    /// Sends a value that has passed, over zenoh.
+    /// Sends a value that has passed the flow, over zenoh.
     pub(super) fn send(&self, payload: &Payload) {
         let Transport::Push(Push { publisher, .. }) = &self.way else { return };
         put_numbered(publisher, payload.clone(), self.flow.number());
@@ -70,18 +71,18 @@ impl Wire {
 #[derive(Debug)]
 pub(super) enum Transport {
     Push(Push),
-    /// The latest value, for the consumer to fetch; kept only while the wire is open.
+    /// The latest value, which the consumer fetches. It is kept only while the wire is open.
     Pull {
         latest: Arc<Mutex<Option<Vec<u8>>>>,
         _answering: Responder,
     },
 }
 
-/// Both ways of a value that is pushed: its consumer has taken one of them, and people who look take zenoh.
+/// The two paths of a pushed value: its consumer has chosen one of them, and people who watch use zenoh.
 #[derive(Debug)]
 pub(super) struct Push {
     pub(super) publisher: Publisher,
-    /// On the same host.
+    /// The path on the same host.
     outlet: Option<Outlet>,
 }
 
@@ -93,7 +94,7 @@ impl Push {
     /// Checks whether the consumer takes the type that this output sends.
     ///
     /// # Errors
-    /// If it does not; both definitions are shown.
+    /// If the types differ; both definitions are shown.
     pub(super) fn check(
         &self,
         session: &DataSession,
@@ -119,7 +120,7 @@ impl Transport {
         }
     }
 
-    /// Keeps this value for fetches.
+    /// Stores this value for fetches.
     pub(super) fn keep(&self, value: Option<Vec<u8>>) {
         if let Self::Pull { latest, .. } = self {
             *latest.lock().unwrap_or_else(PoisonError::into_inner) = value;
@@ -127,15 +128,15 @@ impl Transport {
     }
 }
 
-/// A pull wire's other end.
+/// The consumer's end of a wire whose values it fetches.
 #[derive(Debug)]
 pub(super) struct Fetch {
     port: &'static str,
     key: String,
     session: Arc<DataSession>,
-    /// Opens what the producer has sealed, in a team.
+    /// Opens the values that the producer has sealed, in a team.
     opener: Option<Arc<Opener>>,
-    /// The questions whose answers have not come, the oldest first.
+    /// The questions without an answer, the oldest first.
     asked: Mutex<VecDeque<PendingFetch>>,
 }
 
@@ -159,7 +160,7 @@ impl Fetch {
         }
     }
 
-    /// Returns the answer to the latest question that has one; forgets those before it.
+    /// Returns the answer to the latest question that has one, and forgets earlier questions.
     fn newest(&self, until: Time) -> Option<Vec<u8>> {
         let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
         for index in (0..asked.len()).rev() {
@@ -181,8 +182,9 @@ impl Fetch {
     }
 }
 
-/// Fetches the latest values of several producers at once, in their order, and waits no longer than `within` for all of them together.
-/// An answer that comes later is taken by the next call. None for a wire that is closed, and for a producer of which nothing new has come.
+/// Fetches the latest values of several producers at once, in their order, and waits no longer than `within` for all of
+/// them together. The next call takes an answer that comes later. A closed wire has no value, nor does a producer
+/// without a new one.
 pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'static str, Vec<u8>)> {
     let until = now() + within;
     fetches.iter().for_each(|fetch| fetch.ask());
@@ -206,24 +208,24 @@ pub(super) fn subscribe(
     subscription.map_err(|error| error.to_string())
 }
 
-/// The ways by which values reach a program.
+/// The paths by which values reach a program.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ways<'a> {
     pub(super) session: &'a DataSession,
-    /// To programs of the same host.
+    /// The direct path to programs of the same host.
     pub(super) direct: Option<&'a DirectPath>,
     pub(super) inbox: &'a Arc<Inbox>,
     pub(super) keyring: Option<&'a Keyring>,
 }
 
-/// The consumer's end of a wire that is pushed. Dropping it ends it.
+/// The consumer's end of a pushed wire. The wire ends when this is dropped.
 #[derive(Debug)]
 pub(super) enum WireInput {
     Zenoh { _subscription: Subscription },
     Direct(Box<DirectInput>),
 }
 
-/// An input that has its producer on the same host.
+/// An input whose producer is on the same host.
 #[derive(Debug)]
 pub(super) struct DirectInput {
     incoming: Incoming,
@@ -248,12 +250,12 @@ impl WireInput {
         ways.over_zenoh(incoming, input.name, hold)
     }
 
-    /// Returns whether it hears this producer directly.
+    /// Returns whether the input has a direct path to this producer.
     pub(super) fn of_producer(&self, session: &str) -> bool {
         matches!(self, Self::Direct(hearing) if hearing.incoming.producer.session == session)
     }
 
-    /// Subscribes to the same wire at a producer that was started again.
+    /// Subscribes to the same wire at a producer that was restarted.
     pub(super) fn from(self, ways: Ways<'_>, found: &Dial) -> Result<Self, String> {
         let Self::Direct(hearing) = self else { return Ok(self) };
         let DirectInput { mut incoming, input, hold, inlet } = *hearing;
@@ -330,7 +332,7 @@ pub(super) fn wire(
     Ok(Wire { port, flow: Flow::new(shape), way, seen: seen.map_err(failed)? })
 }
 
-/// Answers fetches; in a team only the other end can read the answers.
+/// Answers fetches. In a team, only the other end can read the answers.
 pub(super) fn answer_with(
     session: &DataSession,
     key: &str,

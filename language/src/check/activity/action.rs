@@ -1,4 +1,4 @@
-//! The actions of transitions: assignments, values that are kept and sent, signals, and lines for people.
+//! The actions of transitions: assignments, values that are kept and sent, signals, and lines that people read.
 
 use super::ActivityReader;
 use super::domain::Domain;
@@ -9,7 +9,7 @@ use crate::syntax::SyntaxKind::{self, Constant, Dot, Equals, LeftParen, Minus, N
 use crate::syntax::ast::{Name, Node};
 
 impl ActivityReader<'_, '_> {
-    /// The actions of a transition. `event` is the name of the value of the event.
+    /// Reads the actions of a transition. `event` is the name of the value of the event.
     pub(super) fn actions(&mut self, node: &Node, event: Option<&str>) -> Vec<Action> {
         let blocks: Vec<Node> = node.children_of(SyntaxKind::Block).collect();
         let statements: Vec<Node> =
@@ -55,7 +55,7 @@ impl ActivityReader<'_, '_> {
         Some(Action::Assign { variable, formula })
     }
 
-    /// A value that is sent: a kept one, the value of the event, a text that is put together, or a number.
+    /// Reads a value that is sent: a kept value, the value of the event, a text of several parts, or a number.
     fn sent(&mut self, node: &Node, output: usize, event: Option<&str>) -> Option<ValueSource> {
         let name = node.names().next().filter(|_| node.children().next().is_none());
         let is_handed_on =
@@ -71,7 +71,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// The names of the values of a variable, if a formula is such a variable alone.
+    /// Returns the names of the values of a variable, if the formula is only this variable.
     fn names_of(&self, node: &Node) -> Option<Vec<String>> {
         let (_, domain) = self.variables.get(&node.compact_text())?;
         match domain {
@@ -81,7 +81,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// `raise found;`
+    /// Reads `raise found;`.
     fn raised(&mut self, name: &Name) -> Option<Action> {
         let Some(signal) = self.heard.signals.iter().position(|(known, _)| known.text == name.text) else {
             let message = format!("no transition waits for the signal `{}`", name.text);
@@ -93,7 +93,7 @@ impl ActivityReader<'_, '_> {
         Some(Action::Raise(signal))
     }
 
-    /// The parts of `"now " + tries`.
+    /// Reads the parts of `"now " + tries`.
     fn fragments(&mut self, node: &Node) -> Option<Vec<Fragment>> {
         let operators = infixes(node);
         let is_text = |node: &Node| node.child(Constant).is_some_and(|constant| constant.token(Text).is_some());

@@ -5,7 +5,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{Constant, Minus, Number};
 use crate::syntax::ast::Node;
 
-/// The most values with a name of one variable.
+/// The largest number of named values of one variable.
 const VALUES_MAX: usize = 1_000;
 
 /// The values that a variable may have.
@@ -18,7 +18,7 @@ pub(super) enum Domain {
 }
 
 impl Domain {
-    /// The least and the greatest value.
+    /// Returns the least and the greatest value.
     pub(super) fn range(&self) -> (i32, i32) {
         match self {
             Self::Truth => (0, 1),
@@ -28,7 +28,7 @@ impl Domain {
         }
     }
 
-    /// The names of the values; none if the values are numbers.
+    /// Returns the names of the values. The list is empty if the values are numbers.
     pub(super) fn names(&self) -> Vec<String> {
         match self {
             Self::Truth => vec!["false".to_owned(), "true".to_owned()],
@@ -39,7 +39,7 @@ impl Domain {
 }
 
 impl ActivityReader<'_, '_> {
-    /// `bool`, `0..3`, `slow | fast`, `opaque`
+    /// Reads `bool`, `0..3`, `slow | fast` or `opaque`.
     pub(super) fn domain(&mut self, node: &Node) -> Option<Domain> {
         let numbers: Vec<Node> = node.children_of(Constant).collect();
         if let [min, max] = numbers.as_slice() {
@@ -77,7 +77,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// A whole number.
+    /// Reads a whole number.
     pub(super) fn whole(&mut self, node: &Node) -> Option<i32> {
         let token = node.token(Number)?;
         let number = token.text().replace('_', "").parse::<i32>().ok();
@@ -88,7 +88,7 @@ impl ActivityReader<'_, '_> {
         number.map(|number| if node.token(Minus).is_some() { -number } else { number })
     }
 
-    /// The value that a variable begins with.
+    /// Reads the initial value of a variable.
     pub(super) fn start_value(&mut self, node: &Node, domain: &Domain) -> Option<i32> {
         let number = match node.child(Constant).filter(|number| number.token(Number).is_some()) {
             Some(number) => Some(i64::from(self.whole(&number)?)),

@@ -1,16 +1,16 @@
-//! Failures that are tried again for ever: a cycle of states on which nothing changes that a condition looks at.
+//! Finds failures that are tried again for ever: a cycle of states without a change of any variable that a condition uses.
 
 use super::ActivityReader;
 use crate::automaton::{Action, Formula, StateKind, Target, Transition, Trigger};
 use crate::diagnostic::{Code, Diagnostic};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// The most states that are named in one remark.
+/// The largest number of states that are named in one remark.
 const NAMES_MAX: usize = 8;
 
 impl ActivityReader<'_, '_> {
-    /// Reports each transition of an abort from which the activity comes back to the state that it leaves by ends of runs
-    /// alone, while no variable changes that a condition looks at.
+    /// Reports each transition of an abort after which the activity can return to the same state without any outside
+    /// event. On this way, no variable changes that a condition uses.
     pub(super) fn endless(&self) -> Vec<Diagnostic> {
         let looked_at = self.looked_at();
         let mut found = Vec::new();
@@ -31,7 +31,7 @@ impl ActivityReader<'_, '_> {
         found
     }
 
-    /// The variables that conditions look at.
+    /// Returns the variables that conditions use.
     fn looked_at(&self) -> BTreeSet<usize> {
         let mut all = BTreeSet::new();
         let guards = self.chart.transitions.iter().filter_map(|transition| transition.guard.as_ref());
@@ -39,7 +39,7 @@ impl ActivityReader<'_, '_> {
         all
     }
 
-    /// Whether a transition changes a variable that conditions look at, also by the states that it enters and leaves.
+    /// Returns whether a transition changes a variable that conditions use. Entry and exit actions are included.
     fn counts(&self, transition: &Transition, looked_at: &BTreeSet<usize>) -> bool {
         let changes =
             |action: &Action| matches!(action, Action::Assign { variable, .. } if looked_at.contains(variable));
@@ -49,7 +49,7 @@ impl ActivityReader<'_, '_> {
         transition.actions.iter().chain(border).chain(exit).any(changes)
     }
 
-    /// The states on the way from a transition back to its source.
+    /// Returns the states on the way from a transition back to its source.
     fn way_back(&self, transition: &Transition, looked_at: &BTreeSet<usize>) -> Option<Vec<usize>> {
         let mut before: BTreeMap<usize, usize> = BTreeMap::new();
         let mut waiting: VecDeque<usize> = VecDeque::new();
@@ -89,7 +89,7 @@ impl ActivityReader<'_, '_> {
         Some(way)
     }
 
-    /// The states that a target enters, those where they begin too.
+    /// Returns the states that a target enters, together with their initial states.
     fn entered(&self, target: &Target) -> BTreeSet<usize> {
         let Target::States(targets) = target else { return BTreeSet::new() };
         let states = &self.chart.states;
@@ -112,7 +112,7 @@ impl ActivityReader<'_, '_> {
     }
 }
 
-/// Whether a trigger needs nothing but the ends of the own runs.
+/// Returns whether a trigger needs no outside event, only ends of the activity's own runs.
 fn goes_on(trigger: &Trigger) -> bool {
     matches!(trigger, Trigger::Done(_) | Trigger::Aborted(_) | Trigger::Complete | Trigger::Always)
 }

@@ -11,7 +11,7 @@ use crate::syntax::ast::Node;
 const HELP: &str = "write for example `where text == \"stop\"`, or `where priority >= 5`";
 
 impl ActivityReader<'_, '_> {
-    /// The number of a filter.
+    /// Reads a filter and returns its number.
     pub(super) fn filter(&mut self, node: &Node, kind: &str) -> Option<usize> {
         let filter = self.part(node, false, kind)?;
         let known = self.heard.filters.iter().position(|other| *other == filter);
@@ -68,7 +68,7 @@ impl ActivityReader<'_, '_> {
             self.report(Diagnostic::new(Code::E0904, right.span(), message));
             return None;
         };
-        // `p >= n` is not `p < n`, and `p > n` is not `p <= n`.
+        // `p >= n` is the negation of `p < n`, and `p > n` is the negation of `p <= n`.
         let (relation, turned) = match operator {
             Infix::Equal => (Relation::Equal, false),
             Infix::Differs => (Relation::Equal, true),

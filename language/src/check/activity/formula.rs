@@ -1,4 +1,4 @@
-//! Conditions and assigned values.
+//! Conditions, and formulas of assigned values.
 
 use super::ActivityReader;
 use super::domain::Domain;
@@ -48,7 +48,8 @@ pub(super) enum Infix {
     Times,
 }
 
-/// The operators that a formula has itself, from left to right.
+/// Returns the operators between the operands of a formula, from left to right. Operators in its operands are not
+/// included.
 pub(super) fn infixes(node: &Node) -> Vec<Infix> {
     let tokens: Vec<Token> = node.tokens().collect();
     let mut found = Vec::new();
@@ -99,12 +100,12 @@ fn operator(token: &Token, next: Option<SyntaxKind>) -> Option<(Infix, usize)> {
 }
 
 impl ActivityReader<'_, '_> {
-    /// A condition.
+    /// Reads a condition.
     pub(super) fn condition(&mut self, node: &Node) -> Option<Formula> {
         self.of_sort(node, Sort::Truth)
     }
 
-    /// A value of a variable.
+    /// Reads a formula for a variable of this domain.
     pub(super) fn value_for(&mut self, node: &Node, domain: &Domain) -> Option<Formula> {
         let sort = if *domain == Domain::Truth { Sort::Truth } else { Sort::Number };
         self.of_sort(node, sort)
@@ -121,7 +122,7 @@ impl ActivityReader<'_, '_> {
         Some(formula)
     }
 
-    /// Any formula, with its sort.
+    /// Reads any formula. Returns it with its sort.
     pub(super) fn formula(&mut self, node: &Node) -> Option<(Formula, Sort)> {
         let operands: Vec<Node> = node.children_of(SyntaxKind::Formula).collect();
         let operators = infixes(node);
@@ -146,7 +147,7 @@ impl ActivityReader<'_, '_> {
         Some((left.formula, left.sort))
     }
 
-    /// Conditions with one operator between them, as a tree that is as low as possible.
+    /// Joins conditions with one operator between them. The result is a tree of the least height.
     fn joined_all(&mut self, infix: Infix, nodes: Vec<Node>, whole: &Node) -> Option<(Formula, Sort)> {
         let mut level = Vec::new();
         for node in nodes {
@@ -203,7 +204,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// A formula without operators between operands.
+    /// Reads a formula that has no operator between operands.
     fn operand(&mut self, node: &Node, operands: &[Node]) -> Option<(Formula, Sort)> {
         if let Some(constant) = node.child(Constant) {
             if constant.token(Number).is_some() {
@@ -234,7 +235,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// A variable, or a value of one.
+    /// Reads the name of a variable, or of a named value.
     fn named(&mut self, name: &Name) -> Option<(Formula, Sort)> {
         if let Some((variable, domain)) = self.variables.get(&name.text) {
             let sort = if *domain == Domain::Truth { Sort::Truth } else { Sort::Number };
@@ -254,7 +255,7 @@ impl ActivityReader<'_, '_> {
         None
     }
 
-    /// Reports a name that is not known, with a similar name.
+    /// Reports an unknown name, with a similar name.
     pub(super) fn report_unknown(&mut self, name: &Name, what: &str) {
         let known: Vec<String> = self.group.variables.keys().chain(self.values.keys()).cloned().collect();
         let message = format!("`{}` is not {what} of this activity", name.text);
@@ -268,7 +269,7 @@ impl ActivityReader<'_, '_> {
     }
 }
 
-/// The text of a node in one line.
+/// Returns the text of a node in one line.
 pub(super) fn text(node: &Node) -> String {
     node.syntax().text().to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -1,4 +1,4 @@
-//! Triggers of the surroundings: orders of people, lost hosts, parameters, and ends of single instances.
+//! Triggers from outside the activity: orders of people, lost hosts, parameters, and ends of single instances.
 
 use super::ActivityReader;
 use crate::automaton::Trigger;
@@ -10,14 +10,14 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Dot};
 use crate::syntax::ast::{Name, Node};
 
-/// Whether a trigger is `suspend`, `resume`, `host H lost`, `link H lost`, `parameter CHILD.NAME changed` or `CHILD.done`.
+/// Returns whether a trigger is `suspend`, `resume`, `host H lost`, `link H lost`, `parameter CHILD.NAME changed` or `CHILD.done`.
 pub(super) fn is_notice(trigger: &Node) -> bool {
     let word = trigger.names().next().map(|word| word.text);
     let words = ["suspend", "resume", "host", "link", "parameter"];
     trigger.token(Dot).is_some() || word.is_some_and(|word| words.contains(&word.as_str()))
 }
 
-/// Reads such a trigger.
+/// Reads such a trigger of a notice.
 pub(super) fn read(reader: &mut ActivityReader<'_, '_>, trigger: &Node) -> Option<Trigger> {
     let names: Vec<Name> = trigger.names().collect();
     let words: Vec<&str> = names.iter().map(|name| name.text.as_str()).collect();
@@ -36,7 +36,7 @@ pub(super) fn read(reader: &mut ActivityReader<'_, '_>, trigger: &Node) -> Optio
     Some(Trigger::Notice(number_of(reader, notice, trigger.span())))
 }
 
-/// The number of a notice: each has one.
+/// Returns the number of a notice. The same notice always has the same number.
 fn number_of(reader: &mut ActivityReader<'_, '_>, notice: Notice, place: Span) -> usize {
     let notices = &mut reader.heard.notices;
     if let Some(known) = notices.iter().position(|(known, _)| *known == notice) {
@@ -46,14 +46,14 @@ fn number_of(reader: &mut ActivityReader<'_, '_>, notice: Notice, place: Span) -
     notices.len() - 1
 }
 
-/// The instance of this activity that a trigger names.
+/// Returns the instance of this activity that a trigger names.
 fn child(reader: &mut ActivityReader<'_, '_>, name: &Name) -> Option<String> {
     let found = reader.group.names.exact(name).map(|_| name.text.clone());
     reader.is_sound &= found.is_some();
     found
 }
 
-/// The host that a trigger names. A mistake in an argument of the activity is reported with the argument.
+/// Returns the host that a trigger names. A wrong argument of the activity is reported at the argument.
 fn host(reader: &mut ActivityReader<'_, '_>, trigger: &Node) -> Option<String> {
     let constant = trigger.child(SyntaxKind::Constant)?;
     let value = reader.group.reader().value(&constant);

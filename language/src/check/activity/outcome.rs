@@ -1,4 +1,5 @@
-//! The normal ends of an activity: `done(held: Pose | gave_up);` declares them, and each `-> done(held v)` names one.
+//! The normal ends of an activity: `done(held: Pose | gave_up);` declares the outcomes, and each `-> done(held v)`
+//! names one of them.
 
 use super::ActivityReader;
 use crate::algebra::Value;
@@ -25,7 +26,7 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, node: &Node, event: Op
             (None, None) => Some(Target::Done(ValueSource::Constant(Value::EMPTY))),
         };
     }
-    // A name alone is the outcome.
+    // A name without a value is the outcome.
     let (name, value) = match (named, formula) {
         (Some(name), value) => (Some(name), value),
         (None, Some(formula)) => (formula.names().next().filter(|_| formula.children().next().is_none()), None),
@@ -59,7 +60,7 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, node: &Node, event: Op
     Some(Target::Done(ValueSource::Tagged { tag: name.text, of: Box::new(of) }))
 }
 
-/// The outcome of a name, or a report with a similar name.
+/// Returns the outcome with this name. If there is none, reports this, with a similar name.
 fn declared<'r>(reader: &'r mut ActivityReader<'_, '_>, name: &Name) -> Option<&'r Outcome> {
     let outcomes = &reader.interface.outcomes;
     if let Some(place) = outcomes.iter().position(|outcome| outcome.name.text == name.text) {

@@ -1,4 +1,4 @@
-//! Questions to people: each is a state of its own, in which the activity waits for an answer.
+//! Questions to people. Each question is a state of its own, in which the activity waits for an answer.
 
 use super::{ActivityReader, TransitionText};
 use crate::automaton::{ChartState, StateKind, Target, Transition, Trigger};
@@ -8,7 +8,7 @@ use crate::plan::{DefaultAnswer, Notice, Question};
 use crate::syntax::SyntaxKind::{self, Constant, Text};
 use crate::syntax::ast::{Name, Node};
 
-/// Adds the states of the questions that the transitions of a state ask: beside that state, and behind all states inside it.
+/// Adds the states of the questions that the transitions of a state ask. They are siblings of that state, after all states inside it.
 pub(super) fn add_states(reader: &mut ActivityReader<'_, '_>, node: &Node, source: usize) {
     let state = &reader.chart.states[source];
     let (parent, source) = (state.parent.unwrap_or(source), state.name.clone());
@@ -20,7 +20,7 @@ pub(super) fn add_states(reader: &mut ActivityReader<'_, '_>, node: &Node, sourc
     }
 }
 
-/// The state in which a transition asks.
+/// Returns the state of the question that a transition asks.
 pub(super) fn target(reader: &mut ActivityReader<'_, '_>, asking: &Node) -> Option<Target> {
     let state = state_of(reader, asking)?;
     let parent = reader.chart.states[state].parent.unwrap_or(0);
@@ -33,7 +33,7 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, asking: &Node) -> Opti
     Some(Target::States(vec![state]))
 }
 
-/// Reads the answers of a question: a transition for each, and one for the deadline.
+/// Reads the answers of a question. Each answer is a transition, and the deadline is another one.
 pub(super) fn read(reader: &mut ActivityReader<'_, '_>, asking: &Node) {
     let (Some(state), Some(text)) = (state_of(reader, asking), asking.token(Text)) else { return };
     let number = reader.heard.questions.len();
@@ -63,7 +63,7 @@ pub(super) fn read(reader: &mut ActivityReader<'_, '_>, asking: &Node) {
     reader.heard.questions.push(Question { state: small(state), text: text.content(), options, default });
 }
 
-/// The answer that counts if none was given in time, and where it leads.
+/// Reads the answer that is taken if no person answers in time. Returns it with its target.
 fn default(
     reader: &mut ActivityReader<'_, '_>,
     asking: &Node,

@@ -24,7 +24,7 @@ impl ActivityReader<'_, '_> {
         self.group.diagnostics().extend(found);
     }
 
-    /// Transitions that stand behind one of the same state that is always taken instead.
+    /// Finds transitions that are never taken, because an earlier transition of the same state is always taken instead.
     fn hidden(&self) -> Vec<Diagnostic> {
         let mut found = Vec::new();
         for (number, transition) in self.chart.transitions.iter().enumerate() {
@@ -47,7 +47,7 @@ impl ActivityReader<'_, '_> {
         found
     }
 
-    /// States that nothing leads to.
+    /// Finds states that no transition leads to.
     fn unreachable(&self, root: &Node) -> Vec<Diagnostic> {
         let states = &self.chart.states;
         let mut entered = BTreeSet::new();
@@ -73,7 +73,7 @@ impl ActivityReader<'_, '_> {
             }
         }
         let missing = (0..states.len()).filter(|state| !entered.contains(state));
-        // The states inside one that is never entered are not worth a remark of their own.
+        // If a state is never entered, its inner states get no remark of their own.
         let outermost = missing.filter(|&state| states[state].parent.is_none_or(|parent| entered.contains(&parent)));
         let remark = |state: usize| {
             let name = &states[state].name;

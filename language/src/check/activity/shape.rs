@@ -1,10 +1,10 @@
-//! Errors of a chart as a whole, in the words of the text.
+//! Explains errors of a whole chart in the words of the text.
 
 use crate::automaton::{Chart, ChartError, ChartPlace};
 use crate::source::Span;
 use std::collections::BTreeMap;
 
-/// The place of an error of a chart, if the text has it, and the message.
+/// Returns the message of an error of a chart, and its place if the text has this place.
 pub(super) fn explained(
     error: &ChartError,
     chart: &Chart,

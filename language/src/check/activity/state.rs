@@ -1,4 +1,4 @@
-//! States: the kind and the run of each.
+//! States, with the kind and the run of each.
 
 use super::{ActivityReader, question};
 use crate::algebra::Value;
@@ -31,7 +31,7 @@ impl Head {
 }
 
 impl ActivityReader<'_, '_> {
-    /// All states, each before the states inside it; then what they run, and where they begin.
+    /// Reads all states, each before the states inside it. Then reads their runs and their initial states.
     pub(super) fn states(&mut self, node: &Node) {
         let name = node.title().map_or_else(String::new, |name| name.text);
         self.add_state(node, ChartState::compound(&name, None, 0));
@@ -68,7 +68,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// The run of a state, with its value.
+    /// Reads the run of a state, with its start value.
     fn run_of(&mut self, state: usize) {
         let node = self.nodes[state].clone();
         let mut runs = node.children_of(SyntaxKind::StateRun);
@@ -90,7 +90,7 @@ impl ActivityReader<'_, '_> {
         self.runs.push((state, expression));
     }
 
-    /// A value that is kept, sent or handed on. `event` is the name of the value of the event.
+    /// Reads a value that is kept or sent, or that starts a run. `event` is the name of the value of the event.
     pub(super) fn value_of(&mut self, node: &Node, event: Option<&str>) -> Option<ValueSource> {
         let constant = node.child(SyntaxKind::Constant);
         if let Some(constant) = &constant {
@@ -127,7 +127,7 @@ impl ActivityReader<'_, '_> {
         None
     }
 
-    /// The kind of a state, and where it begins.
+    /// Reads the kind of a state, and its initial state.
     fn kind_of(&mut self, state: usize) {
         let node = self.nodes[state].clone();
         if node.kind() == SyntaxKind::Asking {
@@ -162,7 +162,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// Where a state with inner states begins.
+    /// Returns the initial state of a state with inner states.
     fn begins(&mut self, inner: &[usize], name: &Name) -> Option<usize> {
         let is = |state: &&usize, word: &str| Head::of(&self.nodes[**state]).is_some_and(|head| head.has(word));
         let mut initial = inner.iter().filter(|state| is(state, "initial"));
@@ -195,7 +195,7 @@ impl ActivityReader<'_, '_> {
         Some(StateKind::History { depth, default: vec![self.state_named(&target)?] })
     }
 
-    /// Whether the parts of a state fit its kind and its place.
+    /// Checks whether the parts of a state fit its kind and its place.
     fn check_place(&mut self, state: usize, name: &Name) {
         let Some(head) = Head::of(&self.nodes[state]).filter(|_| state > 0) else { return };
         let node = self.nodes[state].clone();
@@ -235,7 +235,7 @@ impl ActivityReader<'_, '_> {
     }
 }
 
-/// Takes the variable out whose value an expression starts its first part with, so that the state gives it to the whole run.
+/// Removes the variable that starts the first part of an expression and returns it. So the state gives its value to the whole run.
 fn take_kept(expr: &mut Expr) -> Option<usize> {
     match &mut expr.kind {
         ExprKind::With(StartValue::Kept(number, _), part) => {
@@ -274,13 +274,13 @@ fn take_kept(expr: &mut Expr) -> Option<usize> {
     }
 }
 
-/// The variables that other parts of an expression start with.
+/// Returns the variables that start other parts of an expression.
 fn left_over(expr: &Expr) -> Vec<Name> {
     let own = if let ExprKind::With(StartValue::Kept(_, name), _) = &expr.kind { Some(name.clone()) } else { None };
     own.into_iter().chain(expr.parts().into_iter().flat_map(left_over)).collect()
 }
 
-/// The bytes of a named constant, as a program reads its value.
+/// Returns the bytes of a named constant, in the form that a program reads.
 fn constant_value(constant: &Constant) -> Value {
     match constant {
         Constant::Text(text) => text_value(text),

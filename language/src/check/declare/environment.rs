@@ -9,7 +9,7 @@ use crate::syntax::SyntaxKind::{Inherited, Star, Text, Variable};
 use crate::syntax::ast::Node;
 use std::collections::BTreeMap;
 
-/// `env { NAME = "value"; }`
+/// Reads `env { NAME = "value"; }`.
 pub(super) fn variables(environment: &mut Environment, item: &Node, reader: &mut Reader<'_>) {
     let mut first: BTreeMap<String, Span> = BTreeMap::new();
     for variable in item.children_of(Variable) {
@@ -29,7 +29,7 @@ pub(super) fn variables(environment: &mut Environment, item: &Node, reader: &mut
     }
 }
 
-/// `inherit LC_ALL, ROS_*;`
+/// Reads `inherit LC_ALL, ROS_*;`.
 pub(super) fn inherited(environment: &mut Environment, item: &Node, reader: &mut Reader<'_>) {
     for inherited in item.children_of(Inherited) {
         let Some(name) = inherited.names().next() else { continue };
@@ -45,7 +45,7 @@ pub(super) fn inherited(environment: &mut Environment, item: &Node, reader: &mut
     }
 }
 
-/// `directory "/opt/robot";`
+/// Reads `directory "/opt/robot";`.
 pub(super) fn directory(environment: &mut Environment, item: &Node, reader: &mut Reader<'_>) {
     let Some(token) = item.token(Text) else { return };
     let path = token.content();

@@ -12,10 +12,10 @@ use crate::syntax::SyntaxKind::{self, Constant, Params, Text};
 use crate::syntax::ast::Node;
 use std::time::Duration;
 
-/// How long a module may take to stop, unless its interface sets another time.
+/// How long a module may take to stop, unless its interface declares another time.
 pub(super) const STOP_WITHIN: Duration = Duration::from_secs(2);
 
-/// Reads a `module` block; `places` are where its text is damaged.
+/// Reads a `module` block. `places` are the places where its text is damaged.
 pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> Option<Module> {
     let is_damaged = !places.is_empty();
     let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, "parameter", reader));
@@ -48,7 +48,8 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
     Some(module)
 }
 
-/// The host is the first argument of every module; an interface may name it among the parameters or not.
+/// Returns whether a parameter is the host. The host is the first argument of every module, and an interface need not
+/// declare it.
 fn is_host(param: &Param) -> bool {
     param.name.text == "host" || param.kind.as_ref().is_some_and(|kind| kind.text == "Host")
 }
@@ -121,7 +122,7 @@ pub(in crate::check) fn outcomes(item: &Node, known: &mut Vec<Outcome>, reader: 
     }
 }
 
-/// `init goal: Place;`
+/// Reads `init goal: Place;`.
 fn add_start(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     let Some(start) = super::params(item, "start value", reader).pop() else { return };
     if let Some(first) = &module.start {
@@ -151,7 +152,7 @@ fn add_port(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     };
     let is_answer = matches!(role, Some(CallRole::Procedure | CallRole::State));
     let direction = if word.text == "in" || is_answer { Direction::In } else { Direction::Out };
-    // An export may be used by any caller, or by none.
+    // Callers need not use an export, so the port is optional.
     let is_optional = is_answer || names.any(|word| word.text == "optional");
     let argument = item.child(SyntaxKind::Called).and_then(|called| super::kind(&called, reader));
     let kind = super::kind(item, reader);

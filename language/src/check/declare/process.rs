@@ -1,4 +1,4 @@
-//! Reads process groups.
+//! Reads processes that group others.
 
 mod backoff;
 mod keys;
@@ -28,7 +28,7 @@ use crate::syntax::ast::{Name, Node};
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Reads a process; `places` are where its text is damaged.
+/// Reads a process. `places` are the places where its text is damaged.
 pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics: &mut Diagnostics) -> Option<Process> {
     let mut damage = damage(node, places);
     let name = node.title()?;
@@ -99,7 +99,8 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     })
 }
 
-/// Returns the names that `using` may take: the resources that the group declares, and the ones that it is handed.
+/// Returns the names that `using` may take: the resources that the group declares, and the resources that its caller
+/// hands to it.
 fn resources(node: &Node, params: &[Param], diagnostics: &mut Diagnostics) -> Vec<Name> {
     let mut resources: Vec<Name> = resource_args::known(params);
     let mut first: BTreeMap<String, Span> = resources.iter().map(|name| (name.text.clone(), name.span)).collect();
@@ -124,7 +125,7 @@ fn unused<'a>(resources: &'a [Name], taken: &BTreeSet<usize>) -> impl Iterator<I
     })
 }
 
-/// Finds out which parts of the process contain damaged text. Damage between sections may belong to any of them.
+/// Finds the parts of the process with damaged text. Damage between sections may belong to any part.
 fn damage(node: &Node, places: &[Span]) -> Damage {
     let mut damage = Damage::default();
     for error in places {
@@ -151,7 +152,7 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
     damage
 }
 
-/// Every section except the connections occurs at most once.
+/// Reports any of these sections that occurs more than once.
 fn check_sections(node: &Node, diagnostics: &mut Diagnostics) {
     let sections = [
         SyntaxKind::Host,
@@ -228,7 +229,7 @@ impl Instances {
         instances
     }
 
-    /// Adds an instance, or those of an array.
+    /// Adds an instance, or all instances of an array.
     fn add(&mut self, node: &Node, reader: &mut Reader<'_>) {
         let is_name = |name: &Name| name.text != "instof" || node.names().count() == 1;
         let Some(name) = node.names().find(is_name) else { return };
@@ -256,14 +257,14 @@ impl Instances {
         let count = count_of(&count, reader);
         self.are_counted &= count.is_some();
         let mut rounds = reader.diagnostics.rounds();
-        // Of an array of unknown size every index may be right.
+        // If the size of the array is unknown, every index may be right.
         for index in 0..count.unwrap_or(1) {
             let name = Name { text: index::element(&template.name.text, index), span: template.name.span };
             if let Some(&first) = self.known.get(&name.text) {
                 reader.diagnostics.push(twice("instance", &name.text, name.span, first));
                 break;
             }
-            // A mistake in one of them is usually in most, and is reported once.
+            // All elements of an array usually have the same mistake, which is then reported once.
             let indices = [("i".to_owned(), index)];
             let scope = Scope { indices: &indices, ..reader.scope };
             let mut reader = Reader { scope, diagnostics: reader.diagnostics };
@@ -276,7 +277,7 @@ impl Instances {
     }
 }
 
-/// How many instances there are: `[4]`, or the name of a number.
+/// Reads the number of instances: `[4]`, or the name of a number.
 fn count_of(node: &Node, reader: &mut Reader<'_>) -> Option<usize> {
     let what = format!("how many instances there are, from 1 to {}", index::COUNT_MAX);
     let count = Expected::new(1..=index::COUNT_MAX, what).read(node, reader)?;
@@ -321,9 +322,9 @@ fn endpoint(node: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<
 #[derive(Default)]
 struct Sets {
     all: Vec<Set>,
-    /// The place of each set, by owner and label.
+    /// The place of each set, found by its owner and its label.
     known: BTreeMap<(Option<usize>, Option<String>), Span>,
-    /// Whether all of them could be read.
+    /// Whether all sets could be read.
     are_whole: bool,
 }
 
@@ -331,7 +332,7 @@ impl Sets {
     fn read(group: &Node, names: &mut Names<'_>) -> Self {
         let mut sets = Self { are_whole: true, ..Self::default() };
         for section in group.children_of(SyntaxKind::Connections) {
-            // A set of each instance of an array: `internal_connections(robot[i], on)`.
+            // Reads a set for each instance of an array: `internal_connections(robot[i], on)`.
             let owner = section.child(SyntaxKind::Owner);
             let variable = owner.as_ref().and_then(|owner| index::unbound(std::slice::from_ref(owner), names, &[]));
             let count = variable.as_ref().map_or(1, |(_, count)| *count);
@@ -345,7 +346,7 @@ impl Sets {
         sets
     }
 
-    /// Adds the sets of a section, unless its owner is not known.
+    /// Adds the sets of a section, unless the owner is unknown.
     fn add_section(&mut self, section: &Node, owner: Option<&Node>, bindings: &[Binding], names: &mut Names<'_>) {
         let head = owner.and_then(|owner| index::name(owner, names, bindings));
         let slot = head.and_then(|owner| names.exact(&owner));
@@ -387,7 +388,7 @@ fn connections(section: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> V
             true => Transfer::Pull,
             false => Transfer::Push,
         };
-        // `robot[i], Out -> map, In` means one connection of each robot.
+        // `robot[i], Out -> map, In` stands for one connection of each robot.
         let variable = index::unbound(&ends, names, bindings);
         let count = variable.as_ref().map_or(1, |(_, count)| *count);
         let mut rounds = names.diagnostics.rounds();

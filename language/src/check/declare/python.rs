@@ -1,7 +1,7 @@
-//! Reads how a module that is a program in Python is started, and takes its interface from the program.
+//! Reads how a Python program of a module is started, and takes over the interface that the program prints.
 //!
-//! `python "keep.py"; venv ".venv";` is an `exec` of the interpreter of the environment, by its path there, with the program and the name of
-//! the module. By that path the interpreter finds the environment that it belongs to.
+//! `python "keep.py"; venv ".venv";` becomes an `exec` of the interpreter in the environment, with the program and the name of the module
+//! as arguments. The interpreter finds its environment from its own path, so the path leads into the environment.
 
 use super::module::STOP_WITHIN;
 use crate::check::spec::Module;
@@ -12,10 +12,10 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Exec, Python, Text, Venv};
 use crate::syntax::ast::Node;
 
-/// The interpreter of a module without an environment, as `PATH` has it.
+/// The interpreter of a module without an environment. `PATH` decides which program this is.
 const INTERPRETER: &str = "python3";
 
-/// Reads `python` and `venv` of a module, once the rest of it is known.
+/// Reads `python` and `venv` of a module, after the rest of the module is read.
 pub(super) fn program(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     let mut refuse = |span, message: &str| reader.diagnostics.push(Diagnostic::new(Code::E0011, span, message));
     let (script, venv) = (path(node, Python), path(node, Venv));
@@ -43,7 +43,7 @@ pub(super) fn program(module: &mut Module, node: &Node, reader: &mut Reader<'_>)
     let says_nothing = module.ports.is_empty() && !has_params && !module.is_service && !module.has_end;
     let is_controller = module.kind == LeafKind::Controller;
     module.is_asked = is_controller && says_nothing;
-    // Until its program has listed its ports, a missing one proves nothing.
+    // The ports are not known until the program has listed them, so a missing port is not an error.
     module.is_damaged |= module.is_asked;
     let name = if is_controller { format!(" {}", module.name.text) } else { String::new() };
     module.exec = Some(format!("{interpreter} {script}{name}"));
@@ -54,14 +54,14 @@ fn path(node: &Node, kind: SyntaxKind) -> Option<(String, Span)> {
     Some((token.content(), token.span()))
 }
 
-/// Returns a text as one word of an `exec`.
+/// Returns a text as one word of an `exec`, in quotes. Returns none if the text has both kinds of quotes.
 pub(super) fn word(text: &str) -> Option<String> {
     let quote = if text.contains('\'') { '"' } else { '\'' };
     (!text.contains(quote)).then(|| format!("{quote}{text}{quote}"))
 }
 
 impl Module {
-    /// Takes the interface that its program prints; the spec's statements about the program stay.
+    /// Takes over the interface that the program prints. Statements of the spec about the program stay.
     pub(super) fn take_interface(&mut self, told: Self) {
         let Self { params, host, start, ports, is_service, has_end, remembers, outcomes, times, is_damaged, .. } = told;
         (self.params, self.host, self.ports, self.outcomes) = (params, host, ports, outcomes);
@@ -102,13 +102,13 @@ mod tests {
         let leaf = &plan.expect("it compiles").leaves[0];
         assert_eq!(leaf.exec.as_deref(), Some("'my robot/.venv/bin/python' 'keep.py' Keep"));
         assert_eq!((leaf.stop_within.as_millis(), found), (300, vec![]));
-        // Its node does not ask the program, so this lists the parameters that `dca param set` may set.
+        // The node does not ask this program for its parameters, so the list decides which of them `dca param set` may set.
         let parameters = leaf.parameters.iter().flatten().map(|one| format!("{}: {}", one.name, one.accepts));
         assert_eq!(parameters.collect::<Vec<_>>(), ["reach: Length in 0.1 m..2 m"]);
-        // The interface of the program is checked.
+        // The interface that the program prints is checked.
         let (_, found) = compiled("module Keep { python \"keep.py\"; }", &INTERFACE.replace("reach", "speed"));
         assert!(found.iter().any(|found| found.contains("reach")), "{found:?}");
-        // The spec has the last word.
+        // Statements of the spec have precedence.
         let (plan, _) = compiled("module Keep { python \"keep.py\"; stop within 1 s; directory \"/opt\"; }", INTERFACE);
         let leaf = &plan.expect("it compiles").leaves[0];
         assert_eq!((leaf.stop_within.as_millis(), leaf.environment.directory.as_deref()), (1000, Some("/opt")));

@@ -1,7 +1,7 @@
 //! Reads a module that is an action of ROS 2: `action "/navigate_to_pose": ros.nav2.NavigateToPose;`
 //!
-//! Such a module is started by the program of the bridge. Its start value is the goal, a stop cancels the goal, and its result is the
-//! value that it leaves. Feedback is its only output.
+//! The bridge's program starts such a module. The start value is the goal, and a stop cancels the goal. The result is the value of the
+//! module. Feedback is the only output.
 
 use crate::check::spec::{Direction, Kind, Module, Port};
 use crate::check::value::Reader;
@@ -14,19 +14,19 @@ use ros::logic::key::GraphName;
 use ros::logic::library;
 use std::time::Duration;
 
-/// The controller type of its program.
+/// The controller type of the bridge's program for an action.
 const TYPE: &str = "RosAction";
-/// The output of its feedback.
+/// The name of the output for feedback.
 const FEEDBACK: &str = "Feedback";
-/// How long a stop waits for the end of the goal, unless the module sets another time.
+/// How long a stop waits for the end of the goal, unless the module declares another time.
 const STOP_WITHIN: Duration = Duration::from_secs(6);
-/// How long its program may take beyond that to say how the stop has gone.
+/// How long the program may take after this time to report the result of the stop.
 const LEAVE_WITHIN: Duration = Duration::from_secs(1);
 
-/// Reads the action of a module, once the rest of it is known.
+/// Reads the action of a module, after the rest of the module is read.
 pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     let Some(item) = node.child(RosAction) else { return };
-    // Otherwise the text is damaged, which was reported.
+    // If a part is missing, the text is damaged, which was reported.
     let (Some(token), Some(kind)) = (item.token(Text), super::kind(&item, reader)) else { return };
     let mut refuse = |code, span: Span, message: String, help: Option<String>| {
         let found = Diagnostic::new(code, span, message);
@@ -71,7 +71,7 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     module.ports.push(Port { name, direction: Direction::Out, kind: Some(feedback), is_optional: true, call: None });
 }
 
-/// Returns whether the names of the topics and services of an action have room.
+/// Returns whether the name of an action is short enough for the names of its topics and services.
 fn is_short(name: &GraphName) -> bool {
     name.as_str().len() <= 200
 }

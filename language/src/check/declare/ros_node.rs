@@ -1,7 +1,7 @@
 //! Reads a module that is a program of ROS 2: `ros "nav2_controller controller_server";`
 //!
-//! The program of the bridge starts it, so the node of its host starts that program. The last words of the `exec` are the number of
-//! arguments in the text behind `ros`, and these arguments. The node of the host adds the arguments of the instance.
+//! The bridge's program starts this program, and the node of the host starts the bridge's program. The last words of the `exec` are the
+//! number of arguments in the text after `ros`, and these arguments. The node of the host adds the arguments of the instance.
 
 use super::python::word;
 use crate::check::spec::Module;
@@ -16,15 +16,15 @@ use crate::syntax::ast::Node;
 use ros::logic::key::GraphName;
 use std::time::Duration;
 
-/// How long its program has to end after SIGINT, unless the module sets another time.
+/// How long the program has to end after SIGINT, unless the module declares another time.
 const STOP_WITHIN: Duration = Duration::from_secs(5);
 /// The additional time for SIGTERM and SIGKILL.
 const FORCE_WITHIN: Duration = Duration::from_secs(3);
-/// How long a node may take to be configured or activated, unless the module sets another time.
+/// How long a node may take to be configured or activated, unless the module declares another time.
 const LIFECYCLE_WITHIN: Duration = Duration::from_secs(10);
-/// How long the setup file and the router may take before that.
+/// How long the setup file and the router may take before the node is configured.
 const PREPARE_WITHIN: Duration = Duration::from_secs(20);
-/// The endings of launch files, as `ros2 launch` completes them.
+/// The endings of launch files that `ros2 launch` adds to a name.
 const LAUNCH_FILES: [&str; 3] = ["launch.py", "launch.xml", "launch.yaml"];
 
 /// A mistake, with its place and a hint.
@@ -35,7 +35,7 @@ struct Mistake {
     help: &'static str,
 }
 
-/// Reads the program of ROS 2 of a module, once the rest of it is known.
+/// Reads the program of ROS 2 in a module, after the rest of the module is read.
 pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     let read = match node.child(RosProgram) {
         Some(item) => item.token(Text).map_or(Ok(()), |_| program(module, node, &item, reader)),
@@ -46,7 +46,7 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     }
 }
 
-/// Returns the `exec` of a program that its node starts again after a failure: then its end is that of the program of the bridge.
+/// Returns the `exec` for a program that its node starts again after a failure. With it, the bridge's program ends when its program ends.
 pub(in crate::check) fn restarting(exec: &str) -> String {
     let start = format!("{BRIDGE_PROGRAM} {ROS_NODE} ");
     exec.strip_prefix(&start).map_or_else(|| exec.to_owned(), |rest| format!("{start}restarts=true {rest}"))
@@ -61,14 +61,14 @@ pub(in crate::check) enum Form {
     LaunchArguments,
 }
 
-/// Returns the form of the arguments of the `exec` of a module; none if it is not a program of ROS 2.
+/// Returns the form of the arguments for the `exec` of a module. Returns none if it does not start a program of ROS 2.
 pub(in crate::check) fn form(exec: &str) -> Option<Form> {
     let rest = exec.strip_prefix(&format!("{BRIDGE_PROGRAM} {ROS_NODE} package="))?;
     let is_launch = rest.split(' ').nth(1).is_some_and(|word| word.starts_with("launch="));
     Some(if is_launch { Form::LaunchArguments } else { Form::Parameters })
 }
 
-/// Items that have a meaning only for a program of ROS 2.
+/// Reports items that have a meaning only for a program of ROS 2.
 fn without_program(node: &Node) -> Result<(), Mistake> {
     let kinds = [(RosSetup, "setup"), (RosName, "node"), (RosRemap, "remap"), (RosParams, "params")];
     let found = kinds.into_iter().chain([(Lifecycle, "lifecycle")]).find_map(|(kind, word)| {
@@ -126,7 +126,7 @@ fn program(module: &mut Module, node: &Node, item: &Node, reader: &mut Reader<'_
     Ok(())
 }
 
-/// It is started in one way, and its topics are not ports.
+/// Checks that the module is started in one way only, and that it has no ports.
 fn check_module(module: &Module, node: &Node, item: &Node) -> Result<(), Mistake> {
     let others = [Exec, Python, RosAction].into_iter().any(|kind| node.child(kind).is_some());
     if others || module.kind == LeafKind::Plain {
@@ -143,7 +143,7 @@ fn check_module(module: &Module, node: &Node, item: &Node) -> Result<(), Mistake
     Ok(())
 }
 
-/// A launch file says all of this itself.
+/// Checks that a module with a launch file has no items about single nodes, because the launch file describes its nodes itself.
 fn check_launch(node: &Node) -> Result<(), Mistake> {
     let kinds = [(RosName, "node"), (RosRemap, "remap"), (RosParams, "params"), (Lifecycle, "lifecycle")];
     let found = kinds.into_iter().find_map(|(kind, word)| Some((node.child(kind)?.span(), word)));
@@ -153,7 +153,7 @@ fn check_launch(node: &Node) -> Result<(), Mistake> {
     })
 }
 
-/// The name of the node, and other names for its topics.
+/// Reads the name of the node, and the other names of its topics.
 fn names(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
     if let Some(item) = node.child(RosName).filter(|item| item.token(Text).is_some()) {
         let Told { text, span } = Told::of(&item);
@@ -182,7 +182,7 @@ fn names(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
     if remaps.is_empty() { Ok(()) } else { exec.add("remaps", &remaps.join(" "), node.span()) }
 }
 
-/// The files of parameters, separated by `:` as in `PATH`.
+/// Reads the files of parameters. They are separated by `:` as in `PATH`.
 fn files(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
     let mut files = Vec::new();
     for item in node.children_of(RosParams).filter(|item| item.token(Text).is_some()) {
@@ -204,7 +204,7 @@ fn lifecycle(module: &mut Module, node: &Node, reader: &mut Reader<'_>, exec: &m
         return Err(fault(item.span(), message, "leave out `done`"));
     }
     let within = item.child(Constant).map(|node| reader.duration(&node));
-    // A text that is not a time was reported.
+    // A wrong time was already reported.
     let within = within.flatten().unwrap_or(LIFECYCLE_WITHIN);
     if within.is_zero() {
         let message = "a node cannot be configured in no time".to_owned();

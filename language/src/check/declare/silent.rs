@@ -1,11 +1,13 @@
-//! Reports the programs in Python that were asked for their interfaces and failed, at each instance of their modules.
+//! Reports Python programs that were asked for their interfaces and failed. Each instance of their modules gets a
+//! report.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Role, Source};
 
-/// Reports what `interfaces` say of programs that failed: [`Role::Missing`], under the `exec` of a module.
+/// Reports the failures of programs in `interfaces`. A failure is a source with [`Role::Missing`], whose name is the
+/// `exec` of a module.
 pub(crate) fn check(spec: &Spec, interfaces: &[Source], diagnostics: &mut Diagnostics) {
     let failed = |command: &str| {
         interfaces.iter().find_map(|source| match &source.role {
@@ -47,7 +49,7 @@ mod tests {
         let first = &compiled.diagnostics[0];
         assert_eq!((first.code, &*first.message), (Code::E0011, "`Keep` does not tell its interface: it failed"));
         assert_eq!(first.help, ["Traceback", "NameError: no door"]);
-        // Without an answer of any kind, nothing is said here.
+        // If the program was not asked, nothing is reported here.
         assert!(found(&[]).diagnostics.iter().all(|found| found.code != Code::E0011));
     }
 }

@@ -1,8 +1,9 @@
-//! Parameters that decide the shape of a group: how many instances an array has, how long something may take.
+//! Parameters that decide the shape of a group, for example the number of instances of an array, or a time. They are
+//! called shape parameters.
 //!
-//! Such a group is read once for each choice of values that it is instantiated with, as if these parameters were
-//! constants. The rest of the checker sees only groups without shape parameters. A parameter that a group passes on to
-//! a shape parameter is one as well.
+//! A group with shape parameters is read once for each choice of their values in its instances, as if the parameters
+//! were constants. The rest of the checker sees only groups without shape parameters. If a group passes a parameter on
+//! to a shape parameter, this parameter is a shape parameter as well.
 
 use super::{ItemCollector, params, process};
 use crate::check::diagnostics::{Diagnostics, Rounds};
@@ -16,7 +17,7 @@ use crate::syntax::ast::{Name, Node};
 use crate::unit;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The groups with such parameters, by name.
+/// The groups with shape parameters, by name.
 #[derive(Default)]
 pub(in crate::check) struct Templates {
     all: BTreeMap<String, Template>,
@@ -26,20 +27,20 @@ struct Template {
     node: Node,
     damage: Vec<Span>,
     params: Vec<Param>,
-    /// The names of the parameters that decide its shape.
+    /// The names of the shape parameters.
     fixed: BTreeSet<String>,
 }
 
-/// The values of these parameters in one reading of a group.
+/// The values of the shape parameters in one reading of a group.
 type ShapeArgs = BTreeMap<String, Value>;
 
 impl Templates {
-    /// Finds them among the items of all texts, each with where its text is damaged.
+    /// Finds these groups among the items of all texts. Each item comes with the places where its text is damaged.
     pub(in crate::check) fn new(items: Vec<(Node, Vec<Span>)>, consts: &Consts) -> Self {
         let mut all: BTreeMap<String, Template> = BTreeMap::new();
         for (node, damage) in items.into_iter().filter(|(node, _)| node.kind() == SyntaxKind::Process) {
             let Some(name) = node.title() else { continue };
-            // Mistakes in them are reported when the group is read.
+            // Mistakes in the parameters are reported when the group is read.
             let mut silent = Diagnostics::default();
             let scope = Scope { params: &[], consts, indices: &[] };
             let mut reader = Reader { scope, diagnostics: &mut silent };
@@ -55,14 +56,14 @@ impl Templates {
         Self { all }
     }
 
-    /// Whether this item is one of them.
+    /// Returns whether this item is a group with shape parameters.
     pub(in crate::check) fn contains(&self, item: &Node) -> bool {
         let template = item.title().and_then(|name| self.all.get(&name.text));
         template.is_some_and(|template| template.node.span() == item.span())
     }
 
-    /// Reads each of them with the values that it is instantiated with; a group that is never instantiated is read with
-    /// its defaults.
+    /// Reads each of these groups with the values of its instances. A group without instances is read with its
+    /// defaults.
     pub(in crate::check) fn expand(&self, declare: &mut ItemCollector<'_>) {
         let mut reading = Specializer {
             declare,
@@ -87,10 +88,10 @@ impl Templates {
     }
 }
 
-/// A parameter of a group, by the names of both.
+/// A parameter of a group: the name of the group, and the name of the parameter.
 type Place = (String, String);
 
-/// Finds the parameters that are passed on to a shape parameter: they are shape parameters as well.
+/// Marks the parameters that are passed on to a shape parameter as shape parameters.
 fn spread(all: &mut BTreeMap<String, Template>) {
     let mut sources: BTreeMap<Place, Vec<Place>> = BTreeMap::new();
     for (name, template) in &*all {
@@ -112,7 +113,7 @@ fn spread(all: &mut BTreeMap<String, Template>) {
     }
 }
 
-/// The names in places that decide the shape of a group.
+/// Collects the names at places that decide the shape of a group.
 fn collect(node: &Node, used: &mut BTreeSet<String>) {
     let kind = node.kind();
     let durations = [
@@ -134,7 +135,7 @@ fn collect(node: &Node, used: &mut BTreeSet<String>) {
     node.children().for_each(|part| collect(&part, used));
 }
 
-/// The name that a constant consists of.
+/// Returns the name if a constant is only a name.
 fn bare_name(node: &Node) -> Option<String> {
     let is_bare = node.token(Number).is_none() && node.token(Text).is_none() && node.children().next().is_none();
     node.names().next().filter(|_| is_bare).map(|name| name.text)
@@ -150,7 +151,8 @@ impl Template {
         self.default(name).unwrap_or_else(broken)
     }
 
-    /// The own parameters that instances get as arguments, each with the parameter that it becomes there.
+    /// Returns the parameters of this group that its instances get as arguments, each with the parameter of the
+    /// instance.
     fn handed_on(&self, all: &BTreeMap<String, Self>) -> Vec<(String, Place)> {
         let own: BTreeSet<&str> = self.params.iter().map(|param| param.name.text.as_str()).collect();
         let mut found = Vec::new();
@@ -173,7 +175,8 @@ impl Template {
         found
     }
 
-    /// The values that an instance gives; a missing value without a default is reported with the arguments.
+    /// Returns the values that an instance gives to the shape parameters. A missing value without a default is reported
+    /// with the arguments.
     fn values(&self, instance: &Instance, outer: (&[Param], Option<&ShapeArgs>)) -> ShapeArgs {
         let positional: Vec<&Value> =
             instance.args.iter().filter(|arg| arg.name.is_none()).map(|arg| &arg.value).collect();
@@ -194,7 +197,7 @@ impl Template {
     }
 }
 
-/// Whether a number has the type of the parameter; other types cannot be shape parameters.
+/// Returns whether a value is a number of the parameter's type. Only numbers can be values of shape parameters.
 fn is_fit(param: &Param, value: &Value) -> bool {
     let number = match &value.kind {
         ValueKind::Constant(Constant::Number(_)) => Some(value.dimension),
@@ -213,18 +216,18 @@ fn is_fit(param: &Param, value: &Value) -> bool {
 
 struct Specializer<'a, 'b> {
     declare: &'a mut ItemCollector<'b>,
-    /// The values that each process was read with.
+    /// The values of the shape parameters that each process was read with.
     fixed: BTreeMap<usize, ShapeArgs>,
     /// The index of each process that was read, by its name and its arguments as text.
     known: BTreeMap<(String, String), usize>,
-    /// The diagnostics of each group, reported once however often the group is read.
+    /// The diagnostics of each group. Equal diagnostics of several readings are reported once.
     rounds: BTreeMap<String, Rounds>,
-    /// So many processes have been looked at.
+    /// The number of processes whose instances were already read.
     looked_at: usize,
 }
 
 impl Specializer<'_, '_> {
-    /// Looks at the instances of all processes, including those read on the way.
+    /// Reads the groups of the instances of all processes. These readings may add processes, which are included.
     fn instances(&mut self, templates: &Templates) {
         while self.looked_at < self.declare.spec.processes.len() {
             let index = self.looked_at;
@@ -242,7 +245,7 @@ impl Specializer<'_, '_> {
         }
     }
 
-    /// Reads a group with these values, once.
+    /// Reads a group with these values, unless it was already read with them.
     fn read(&mut self, name: &str, template: &Template, values: ShapeArgs) -> Option<usize> {
         let shown: Vec<String> = values.iter().map(|(name, value)| format!("{name}={:?}", value.kind)).collect();
         let key = (name.to_owned(), shown.join(","));
@@ -276,13 +279,13 @@ impl Specializer<'_, '_> {
         Some(index)
     }
 
-    /// Reads a group in which the parameters that decide its shape are constants.
+    /// Reads a group with its shape parameters as constants.
     fn process(&mut self, template: &Template, values: &ShapeArgs) -> Option<Process> {
         let ItemCollector { spec, diagnostics } = &mut *self.declare;
         let mut hidden = Vec::new();
         for param in template.params.iter().filter(|param| values.contains_key(&param.name.text)) {
             let value = values[&param.name.text].clone();
-            // A value of another type than the parameter's is reported with the arguments.
+            // A value of another type than the type of the parameter is reported with the arguments.
             let kind = if is_fit(param, &value) { value.kind } else { ValueKind::Broken };
             let values = vec![Value { kind, ..value }];
             let named = Const { name: param.name.clone(), values, is_list: false, is_param: true };

@@ -10,7 +10,7 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Text};
 use crate::syntax::ast::{Node, catches};
 
-/// `a else b else match { ... } else c` is `((a else b) else match { ... }) else c`.
+/// Reads `a else b else match { ... } else c` as `((a else b) else match { ... }) else c`.
 pub(super) fn otherwise(node: &Node, group: &mut Group<'_>) -> Expr {
     report_side_by_side(node, group);
     let mut tried: Vec<Expr> = Vec::new();
@@ -29,7 +29,7 @@ pub(super) fn otherwise(node: &Node, group: &mut Group<'_>) -> Expr {
     one(tried, node.span())
 }
 
-/// The operand inside of parentheses.
+/// Returns the operand inside any parentheses.
 fn bare(part: &Node) -> Node {
     let inner = part.children().next().filter(|_| part.kind() == SyntaxKind::Paren);
     inner.map_or_else(|| part.clone(), |inner| bare(&inner))
@@ -79,7 +79,7 @@ fn arms(node: &Node, group: &mut Group<'_>) -> Vec<CatchArm> {
     arms
 }
 
-/// Reads the cause or the text of a failure: `timeout`, `"no way"`. Returns what is wrong with it; nothing if it is missing.
+/// Reads the cause or the text of a failure: `timeout`, `"no way"`. A wrong word gives a diagnostic. A missing word gives none.
 pub(in crate::check) fn failure(node: &Node, diagnostics: &mut Diagnostics) -> Option<Result<Failure, Diagnostic>> {
     if let Some(text) = node.token(Text) {
         return Some(Ok(Failure::of_text(&text.content())));

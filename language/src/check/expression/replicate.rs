@@ -1,4 +1,4 @@
-//! Writes `all i in 0..4 (p[i])`, `race`, `each` and pools out, and resolves `p[2]`.
+//! Expands `all i in 0..4 (p[i])`, `race`, `each` and pools, and resolves `p[2]`.
 
 use super::Group;
 use crate::check::count::{self, CountValue, Expected, whole};
@@ -10,12 +10,12 @@ use crate::syntax::SyntaxKind::{DotDot, Labels, Number, Paren};
 use crate::syntax::ast::{Name, Node, Token};
 use std::collections::BTreeMap;
 
-/// Writes a replication out: `all` with `,`, `race` with `#`, `each` with `;`.
+/// Expands a replication. `all` joins the copies with `,`, `race` with `#`, and `each` with `;`.
 pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let words: Vec<Name> = node.names().collect();
     let (word, variable) = (words.first()?, words.get(1)?);
     let parens = node.child(Paren)?;
-    // Without `..` the text is damaged, which is reported already.
+    // Without `..`, the text is damaged, which is already reported.
     node.token(DotDot)?;
     let (start, end) = range(node, group)?;
     let mut copies: Vec<Expr> = Vec::new();
@@ -51,7 +51,7 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     })
 }
 
-/// Writes the second operand of `P ::[n] Q` out, once for each place of the pool.
+/// Expands the second operand of `P ::[n] Q`, with one copy for each place of the pool.
 pub(super) fn pool(
     count: &Node,
     span: Span,
@@ -83,7 +83,7 @@ pub(super) fn pool(
     Some(copies)
 }
 
-/// An instance that this copy and one before both run.
+/// Returns the place of an instance that both this copy and an earlier copy run.
 fn shared(copy: &Expr, runs: &mut BTreeMap<usize, Span>, is_later: bool) -> Option<Span> {
     let mut own = BTreeMap::new();
     collect(copy, &mut own);
@@ -99,7 +99,7 @@ fn collect(expr: &Expr, runs: &mut BTreeMap<usize, Span>) {
     expr.parts().into_iter().for_each(|part| collect(part, runs));
 }
 
-/// The two ends of `0..4`; either may be the name of a number.
+/// Reads the two ends of `0..4`. Each end may also be the name of a number.
 fn range(node: &Node, group: &mut Group<'_>) -> Option<(usize, usize)> {
     let consts = group.scope.consts;
     let tokens: Vec<Token> = node.tokens().collect();
@@ -118,8 +118,9 @@ fn range(node: &Node, group: &mut Group<'_>) -> Option<(usize, usize)> {
     None
 }
 
-/// The instance that `name[index][labels]` runs, and the labels. The brackets hold an index if they hold a number, or
-/// if the name is that of an array and no label has been read.
+/// Returns the instance that `name[index][labels]` runs, and the labels. The first brackets hold an index if they hold
+/// a number, or if `name` is the name of an array. In a pool, an array needs no index, because the place is the
+/// default.
 pub(super) fn run_of(node: &Node, name: Name, group: &mut Group<'_>) -> Option<(Name, Vec<Name>)> {
     let brackets: Vec<Node> = node.children_of(Labels).collect();
     let is_array = group.names.arrays.contains_key(&name.text);
@@ -153,7 +154,7 @@ pub(super) fn run_of(node: &Node, name: Name, group: &mut Group<'_>) -> Option<(
     }
 }
 
-/// Whether the first bracket holds an index variable that is bound.
+/// Returns whether the first brackets hold a bound index variable.
 fn is_index(brackets: &[Node], group: &Group<'_>) -> bool {
     let names = brackets.first().map(|first| first.names().collect::<Vec<_>>()).unwrap_or_default();
     names.len() == 1 && group.indices.iter().any(|(known, _)| *known == names[0].text)

@@ -22,7 +22,7 @@ pub(super) fn using(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let (mut taken, mut known) = (Vec::new(), BTreeSet::new());
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().collect::<Vec<_>>()) {
         let Some(&index) = group.resources.places.get(name.text.as_str()) else {
-            // One cause is reported once, and declarations in damaged text are unknown.
+            // Each unknown name is reported once. In a damaged header, the declarations are unknown.
             if !group.damage.header && group.resources.unknown.insert(name.text.clone()) {
                 report_unknown(&name, group);
             }
@@ -54,7 +54,7 @@ fn report_unknown(name: &Name, group: &mut Group<'_>) {
 
 pub(super) fn repeat(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let mut until: Vec<Name> = Vec::new();
-    // The first name is the word `until`.
+    // The first name is the word `until`, so it is skipped.
     for name in node.child(SyntaxKind::Until).iter().flat_map(|node| node.names().skip(1).collect::<Vec<_>>()) {
         match until.iter().find(|known| known.text == name.text) {
             Some(known) => {
@@ -68,7 +68,7 @@ pub(super) fn repeat(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     (!until.is_empty()).then_some(ExprKind::Repeat(until, operand))
 }
 
-/// `look : match { "found" => grasp }`
+/// Reports a text in place of an outcome: `look : match { "found" => grasp }`.
 fn report_text(text: &Token, group: &mut Group<'_>) {
     let message = "an outcome is a name, without quotes";
     let found = Diagnostic::new(Code::E0421, text.span(), message);

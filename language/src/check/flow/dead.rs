@@ -1,4 +1,4 @@
-//! Reports operands that have no effect, and limits that leave no time.
+//! Reports operands that have no effect, and limits that are too short.
 
 use super::ends::Members;
 use crate::check::diagnostics::Diagnostics;
@@ -6,7 +6,7 @@ use crate::check::spec::{Expr, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
 use std::time::Duration;
 
-/// Reports the parts of an expression that never start because of the parts before them, and limits that are too short.
+/// Reports the parts of an expression that never start because of earlier parts, and limits that are too short.
 pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostics) {
     if let ExprKind::Otherwise(parts) = &expr.kind {
         let cannot_fail = parts.iter().position(|part| !members.ends_of(part).aborted);
@@ -34,7 +34,7 @@ pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostic
     expr.parts().into_iter().for_each(|part| check(members, part, diagnostics));
 }
 
-/// In `part else next`, and in `part?`, whose `next` is the `?`.
+/// Makes the diagnostic for `part else next`, and for `part?`, in which `next` is the `?`.
 fn never_needed(part: &Expr, next: &Expr) -> Diagnostic {
     let is_question = matches!(next.kind, ExprKind::Skip) && next.span.end == next.span.start + 1;
     let (message, label) = match is_question {
@@ -45,7 +45,7 @@ fn never_needed(part: &Expr, next: &Expr) -> Diagnostic {
     diagnostic.reason(part.span, "cannot fail")
 }
 
-/// Whether it always ends at its start.
+/// Returns whether an expression always ends at the moment of its start.
 fn is_over_at_once(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Skip | ExprKind::Fail(_) => true,
@@ -76,7 +76,8 @@ fn is_over_at_once(expr: &Expr) -> bool {
     }
 }
 
-/// In `skip # P`, P never starts; in `P # skip` it is stopped as soon as it has started.
+/// Makes the diagnostic for `skip # P`, in which P never starts, and for `P # skip`, in which P is stopped right after
+/// its start.
 fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
     let (other, message, label) = match parts.get(index + 1) {
         Some(next) => (next, "this never starts: what stands before it is over at once", "never starts"),
@@ -102,7 +103,7 @@ fn too_short(limit: Duration, earliest: Option<Duration>, whole: &Expr, part: &E
     Some(diagnostic.reason(part, format!("takes at least {}", time(earliest))))
 }
 
-/// A time in words: `1.5 s`, `20 ms`.
+/// Writes a time for people: `1.5 s`, `20 ms`.
 fn time(time: Duration) -> String {
     match time.as_secs_f64() {
         seconds if seconds < 1.0 => format!("{} ms", seconds * 1e3),

@@ -1,37 +1,39 @@
-//! The possible ends of an expression when any process may fail at any time. The service check, which only looks at
-//! runs without faults, cannot tell them.
+//! Finds the possible ends of an expression when any process may fail at any time. The check of services cannot find
+//! them, because it considers only runs without faults.
 
 use super::service;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use std::time::Duration;
 
-/// How something can end.
+/// The possible ends of an expression or an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Ends {
-    /// After how long it can be done at the earliest; nothing if it is never done.
+    /// The earliest time after the start at which it can be done. There is none if it is never done.
     pub(super) done: Option<Duration>,
     /// Whether it can abort.
     pub(super) aborted: bool,
 }
 
 impl Ends {
-    /// The ends of a process that ends: any program can fail, and so can the host of a group.
+    /// The ends of a process that ends. It may also abort, because any program can fail, and the host of a group can
+    /// fail as well.
     const TASK: Self = Self { done: Some(Duration::ZERO), aborted: true };
-    /// The ends of a module that never ends: its normal end also counts as a failure.
+    /// The ends of a module that never ends. Its normal end also counts as a failure.
     const SERVICE: Self = Self { done: None, aborted: true };
-    /// `skip`
+    /// The ends of `skip`.
     const SKIP: Self = Self { done: Some(Duration::ZERO), aborted: false };
 }
 
 /// The instances of one group.
 pub(super) struct Members {
-    /// How each of them can end.
+    /// The possible ends of each instance.
     pub(super) ends: Vec<Ends>,
-    /// Whether no run of it without faults ends.
+    /// Whether each instance is a service, which never ends without a fault.
     pub(super) services: Vec<bool>,
 }
 
-/// Returns the instances of every group of the spec. Groups nest finitely here, and services are inferred.
+/// Returns the instances of every group of the spec. At this point, no group contains itself, and services are
+/// inferred.
 pub(super) fn members(spec: &Spec) -> Vec<Members> {
     let mut known = vec![None; spec.processes.len()];
     spec.processes.iter().map(|process| members_of(spec, process, &mut known)).collect()
@@ -62,14 +64,15 @@ fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<Ends>>) -> Ends {
 }
 
 impl Members {
-    /// The same, but a group that is a service is never done, even if it tolerates failures.
+    /// Returns the same instances, but with one difference: a group that is a service is never done, even if it
+    /// tolerates failures.
     pub(super) fn without_tolerance(&self) -> Self {
         let ends = self.ends.iter().zip(&self.services);
         let ends = ends.map(|(ends, is_service)| if *is_service { Ends::SERVICE } else { *ends });
         Self { ends: ends.collect(), services: self.services.clone() }
     }
 
-    /// Returns how an expression can end.
+    /// Returns the possible ends of an expression.
     pub(super) fn ends_of(&self, expr: &Expr) -> Ends {
         let parts: Vec<Ends> = expr.parts().into_iter().map(|part| self.ends_of(part)).collect();
         let any_aborted = parts.iter().any(|part| part.aborted);
@@ -95,7 +98,7 @@ impl Members {
                 let (first, parts) = (self.ends_of(first), &parts[1..]);
                 let caught = parts.iter().filter(|_| first.aborted);
                 let done = first.done.into_iter().chain(caught.filter_map(|part| part.done)).min();
-                // Without `else` no arm may take the failure.
+                // Without an `else` arm, it is possible that no arm takes the failure.
                 let is_total = arms.iter().any(|arm| arm.failure.is_none());
                 Ends { done, aborted: first.aborted && (!is_total || parts.iter().any(|part| part.aborted)) }
             }
@@ -115,7 +118,7 @@ impl Members {
                 let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
                 done.sort_unstable();
                 let enough = done.get((*count as usize).saturating_sub(1)).copied();
-                // A part that cannot fail has to be done.
+                // A part that cannot fail must be done.
                 let others = all(parts.iter().filter(|part| !part.aborted).map(|part| part.done));
                 let failed = parts.iter().filter(|part| part.aborted).count();
                 let done = enough.zip(others).map(|(enough, others)| enough.max(others));
@@ -124,7 +127,7 @@ impl Members {
             ExprKind::Disable(_) => {
                 Ends { done: parts.iter().filter_map(|part| part.done).min(), aborted: any_aborted }
             }
-            // No arm may have the tag of an outcome.
+            // An outcome may have a tag that no arm has.
             ExprKind::Match(_) => Ends { done: parts.iter().filter_map(|part| part.done).min(), aborted: true },
             ExprKind::Within(limit, _) => {
                 Ends { done: parts[0].done.filter(|earliest| earliest <= limit), aborted: true }
@@ -139,14 +142,14 @@ impl Members {
     }
 }
 
-/// In sequence, as long as each of them is done.
+/// Returns the ends of a sequence. Each part starts after the previous part is done.
 fn in_turn(parts: &[Ends]) -> Ends {
     let done = parts.iter().map(|part| part.done).try_fold(Duration::ZERO, |sum, done| Some(sum.saturating_add(done?)));
     let reached = parts.iter().take_while(|part| part.done.is_some()).count();
     Ends { done, aborted: parts.iter().take(reached + 1).any(|part| part.aborted) }
 }
 
-/// When the last of them can be done.
+/// Returns the earliest time at which all parts can be done.
 fn all(done: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
     done.collect::<Option<Vec<_>>>().map(|done| done.into_iter().max().unwrap_or_default())
 }

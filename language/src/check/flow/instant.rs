@@ -1,10 +1,10 @@
-//! Reports loops that could turn without end at one instant.
+//! Reports loops that could repeat without end and without any time passing.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 
-/// How something can end without running a program or waiting for anything.
+/// The possible ends of an expression that runs no program and waits for nothing.
 #[derive(Clone, Copy, Default)]
 struct InstantEnds {
     done: bool,
@@ -22,7 +22,8 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// How a group can end at once; `known` are the groups that were asked for before. Groups nest finitely here.
+/// Returns how a group can end at once. `known` has the results for groups that were already visited. At this point, no
+/// group contains itself.
 fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<InstantEnds>>) -> InstantEnds {
     if let Some(found) = known[group] {
         return found;
@@ -38,7 +39,7 @@ fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<InstantEnds>>) -> 
     found
 }
 
-/// How each instance of a group can end at once; a program cannot.
+/// Returns how each instance of a group can end at once. A program cannot.
 fn members(spec: &Spec, process: &Process, known: &mut Vec<Option<InstantEnds>>) -> Vec<InstantEnds> {
     let of_instance = |target| match target {
         Target::Process(group) => of_group(spec, group, known),

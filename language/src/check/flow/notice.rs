@@ -1,4 +1,4 @@
-//! Parameters that an activity waits for: the instance has to have them.
+//! Checks the parameters that an activity waits for: the instance must have them.
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;

@@ -1,4 +1,4 @@
-//! Outcomes: which tags an expression can end with, whether every `match` has an arm for each, and whether every `repeat` ends
+//! Checks outcomes: the tags that an expression can end with, whether every `match` has an arm for each, and whether every `repeat` ends
 //! with some of them.
 
 use super::service;
@@ -10,14 +10,14 @@ use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 
-/// How an expression can be done.
+/// The possible normal ends of an expression.
 #[derive(Clone, Debug, Default)]
 struct Ends {
-    /// The tags, each with where it is declared.
+    /// The tags, each with the place of its declaration.
     tags: BTreeMap<String, Span>,
-    /// Whether it can be done without a tag, and the place of the process.
+    /// The place of the process, if the expression can be done without a tag.
     untagged: Option<Span>,
-    /// Whether something without a known interface decides.
+    /// Whether other ends are possible, because a part has no known interface.
     is_open: bool,
 }
 
@@ -45,14 +45,14 @@ impl Ends {
     }
 }
 
-/// Checks every `match` against the outcomes it is started with, and every `repeat` against those of its operand.
+/// Checks every `match` against the outcomes that it is started with, and every `repeat` against the outcomes of its operand.
 pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     let names_outcomes = |process: &&Process| process.actions.as_ref().is_some_and(names_outcomes);
     let mut known = vec![None; spec.processes.len()];
     for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(names_outcomes) {
         let Some(actions) = &process.actions else { continue };
         let mut walk = Walk { spec, process, known: &mut known, chain: None, diagnostics };
-        // The start value of the group itself belongs to the group around it.
+        // The start value of the group comes from the group around it, so it is unknown here.
         walk.visit(actions, &Ends::open());
     }
 }
@@ -61,7 +61,7 @@ fn names_outcomes(expr: &Expr) -> bool {
     matches!(expr.kind, ExprKind::Match(_) | ExprKind::Repeat(..)) || expr.parts().into_iter().any(names_outcomes)
 }
 
-/// How a group can be done; groups nest finitely here.
+/// Returns the possible normal ends of a group. At this point, no group contains itself.
 fn of_process(spec: &Spec, process: usize, known: &mut Vec<Option<Ends>>) -> Ends {
     if let Some(ends) = &known[process] {
         return ends.clone();
@@ -91,7 +91,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         ExprKind::Skip | ExprKind::Wait(_) => Ends::untagged(expr.span),
         ExprKind::Never | ExprKind::Fail(_) | ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => Ends::default(),
         ExprKind::Chart(model) if !model.outcomes.is_empty() => Ends::declared(&model.outcomes),
-        // An end can hand on the value of a run, with its tag.
+        // Such an end can pass on the value of a run, with its tag.
         ExprKind::Chart(_) | ExprKind::Broken => Ends::open(),
         ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map_or(Ends::open(), rest),
         ExprKind::Disable(parts) | ExprKind::Otherwise(parts) => Ends::any(parts.iter().map(rest)),
@@ -117,7 +117,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         }
         ExprKind::Match(arms) => Ends::any(arms.iter().map(|arm| rest(&arm.body))),
         ExprKind::Catch(..) => Ends::any(expr.parts().into_iter().map(rest)),
-        // Nothing else ends it.
+        // Only these outcomes end it.
         ExprKind::Repeat(until, part) => {
             let declared = rest(part).tags;
             let place = |tag: &Name| declared.get(&tag.text).copied().unwrap_or(tag.span);
@@ -135,13 +135,13 @@ struct Walk<'a> {
     spec: &'a Spec,
     process: &'a Process,
     known: &'a mut Vec<Option<Ends>>,
-    /// Where the chain `P : ...` begins of which an operand is visited.
+    /// The begin of the chain `P : ...` whose operand is visited.
     chain: Option<Span>,
     diagnostics: &'a mut Diagnostics,
 }
 
 impl Walk<'_> {
-    /// `start` has the outcomes that the expression may be started with.
+    /// Checks an expression. `start` has the outcomes that the expression may be started with.
     fn visit(&mut self, expr: &Expr, start: &Ends) {
         let nothing = Ends::untagged(expr.span.at_start());
         match &expr.kind {
@@ -164,7 +164,7 @@ impl Walk<'_> {
             ExprKind::Asynchronous(source, pool) => {
                 self.visit(source, &start.clone().or(nothing));
                 let value = self.ends(source);
-                // The places differ by their instances alone.
+                // The places differ only in their instances, so one of them is enough.
                 pool.iter().take(1).for_each(|part| self.visit(part, &value));
             }
             ExprKind::Sequence(parts) | ExprKind::Otherwise(parts) => {
@@ -277,7 +277,7 @@ impl Walk<'_> {
             let message = "every outcome has an arm already";
             self.diagnostics.push(Diagnostic::new(Code::W0422, rest.body.span, message).label("never taken"));
         }
-        // A misspelt arm is one cause.
+        // A misspelt arm already explains a missing arm.
         let is_misspelt =
             arms.iter().any(|arm| arm.tag.as_ref().is_some_and(|tag| !start.tags.contains_key(&tag.text)));
         if rest.is_none() && !is_misspelt && (!open.is_empty() || start.untagged.is_some()) {
@@ -286,8 +286,8 @@ impl Walk<'_> {
     }
 }
 
-/// `m : match { ... } ;; c` is `m : (match { ... } ;; c)`, so that the second round has nothing to match: another reading is
-/// likely meant.
+/// Explains that `m : match { ... } ;; c` is `m : (match { ... } ;; c)`. So the second round has no value to match. The user probably means
+/// another reading.
 fn in_parentheses(found: &mut Diagnostic, chain: Span, matching: Span) {
     let insert = |span: Span, text: &str| Edit { span, text: text.to_owned() };
     found.help = vec![

@@ -1,4 +1,4 @@
-//! Reasons of failures that activities and `else match` ask for: something that runs there has to fail for them.
+//! Checks the reasons of failures that activities and `else match` name: a part that runs there must be able to fail for them.
 
 use crate::automaton::{Failure, Target as Leads, Trigger};
 use crate::check::diagnostics::Diagnostics;
@@ -8,7 +8,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEADLINE;
 use std::collections::BTreeSet;
 
-/// Reports transitions `on aborted("TEXT")`, and arms `"TEXT" =>`, whose text no `fail` and no `abort` has in what runs there.
+/// Reports transitions `on aborted("TEXT")` and arms `"TEXT" =>` if the text is in no `fail` and in no `abort` of the parts that run there.
 pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics) {
     let Some(actions) = &process.actions else { return };
     arms(spec, process, actions, diagnostics);
@@ -28,7 +28,7 @@ pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostic
     }
 }
 
-/// The arms of each `else match`.
+/// Checks the arms of each `else match`.
 fn arms(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Diagnostics) {
     if let ExprKind::Catch(first, arms) = &expr.kind {
         for arm in arms {
@@ -45,16 +45,16 @@ fn arms(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Diagnosti
     expr.parts().into_iter().for_each(|part| arms(spec, process, part, diagnostics));
 }
 
-/// A failure that something asks for.
+/// A failure that a transition or an arm asks for.
 struct Asked<'s> {
     failure: &'s Failure,
     what: &'static str,
-    /// How to ask for every failure.
+    /// The advice how to ask for every failure.
     all: &'static str,
 }
 
 impl Asked<'_> {
-    /// The message and the help, if nothing fails so.
+    /// Returns the message and the help, if no part can fail for this reason.
     fn report(&self, reasons: Reasons<'_>) -> Option<(String, String)> {
         let Self { what, all, .. } = self;
         if *self.failure == Failure::Timeout && !reasons.has_limit {
@@ -77,13 +77,13 @@ impl Asked<'_> {
     }
 }
 
-/// The reasons for which something may fail.
+/// The reasons for which an expression may fail.
 struct Reasons<'s> {
     spec: &'s Spec,
-    /// The processes that were looked at.
+    /// The processes that were visited.
     known: BTreeSet<usize>,
     texts: BTreeSet<&'s str>,
-    /// Whether there is a `within`.
+    /// Whether the expression has a time limit.
     has_limit: bool,
 }
 
@@ -92,7 +92,7 @@ impl<'s> Reasons<'s> {
         Self { spec, known: BTreeSet::new(), texts: BTreeSet::new(), has_limit: false }
     }
 
-    /// Adds those of an expression of a group.
+    /// Adds the reasons of an expression in a group.
     fn of(&mut self, process: &'s Process, expr: &'s Expr) {
         if let ExprKind::Fail(text) = &expr.kind {
             self.texts.insert(text);

@@ -1,7 +1,7 @@
-//! `using`: processes that wait for themselves, and processes that may wait for each other.
+//! Checks `using`: processes that wait for themselves, and processes that may wait for each other.
 //!
-//! Some `using`s inside of others wait for each other when they form a circle: each wants what the next one has. They only
-//! do so for ever if all of them can run at the same time, so each pair runs side by side and has nothing in common.
+//! Nested `using`s can form a circle, in which each waits for a resource that the next one holds. They wait for ever only if all of them
+//! can run at the same time. So each pair must run in parallel and have no held resource in common.
 
 use super::service::is_service;
 use crate::check::diagnostics::Diagnostics;
@@ -12,40 +12,40 @@ use crate::source::Span;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-/// The longest search for circles, in steps: expressions that were written out may have very many.
+/// The longest search for circles, in steps. An expanded expression may have very many.
 const STEPS_MAX: usize = 200_000;
-/// As many pairs of a resource and another one inside are looked at.
+/// The largest number of pairs of a held resource and a wanted resource that are checked.
 const NESTED_MAX: usize = 10_000;
 
-/// As many `using`s of one group are compared with each other.
+/// The largest number of `using`s of one group that are compared with each other.
 const TAKEN_MAX: usize = 1000;
 
 /// A `using` inside another one.
 struct Nested {
-    /// The resource that the other process holds.
+    /// A resource that an outer `using` holds.
     holds: usize,
     wants: usize,
-    /// All that is held there.
+    /// All resources that are held at this place.
     held: Rc<[usize]>,
     span: Span,
     path: Path,
 }
 
 impl Nested {
-    /// Whether both can wait at the same time.
+    /// Returns whether both parts can wait at the same time.
     fn is_beside(&self, other: &Self) -> bool {
         are_parallel(&self.path, &other.path) == Some(true) && self.held.iter().all(|held| !other.held.contains(held))
     }
 }
 
-/// Reports a `using` that can never start, and circles of them that may wait for each other.
+/// Reports a `using` that can never start, and circles of `using`s that may wait for each other.
 pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Diagnostics) {
     let mut walk = Walk { process, path: Vec::new(), held: Vec::new(), nested: Vec::new(), diagnostics };
     walk.collect(actions);
     let nested = walk.nested;
     let mut search = Search { nested: &nested, steps: 0 };
     let mut reported = vec![false; nested.len()];
-    // Of two circles through one place the shorter one is the better reason.
+    // Of two circles through one place, the shorter circle explains the problem better.
     for length in 2..=process.resources.len().min(nested.len()) {
         for first in 0..nested.len() {
             let mut circle = vec![first];
@@ -61,7 +61,7 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Diagnos
     }
 }
 
-/// A taken resource, and whether the operand that holds it ends by itself.
+/// Resources that are taken, and whether the operand that holds them ends by itself.
 struct Acquisition<'a> {
     resources: &'a [usize],
     is_service: bool,
@@ -69,11 +69,11 @@ struct Acquisition<'a> {
     path: Path,
 }
 
-/// Reports processes that wait for a resource that a service beside them never gives back.
+/// Reports processes that wait for a resource which a parallel service never releases.
 pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnostics: &mut Diagnostics) {
     let mut all = Vec::new();
     taken(actions, members, &mut Vec::new(), &mut all);
-    // Each is compared with each.
+    // Each `using` is compared with each other one.
     all.truncate(TAKEN_MAX);
     for service in all.iter().filter(|taken| taken.is_service) {
         let shared =
@@ -107,7 +107,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Makes a circle of that length out of its beginning, starting with the part that is first in the text.
+    /// Extends a circle to this length. A circle starts with the part that is first in the text.
     fn close(&mut self, circle: &mut Vec<usize>, length: usize) -> bool {
         let (Some(&first), Some(&last)) = (circle.first(), circle.last()) else { return false };
         let wants = self.nested[last].wants;
@@ -155,11 +155,11 @@ fn report(process: &Process, circle: &[&Nested]) -> Option<Diagnostic> {
     Some(diagnostic.help(format!("take {all_at_once} at once: `using({})`", all.join(", "))))
 }
 
-/// Finds the `using`s inside of others.
+/// Finds nested `using`s.
 struct Walk<'a> {
     process: &'a Process,
     path: Path,
-    /// The resources that are taken by the `using`s around, and where.
+    /// The resources that the enclosing `using`s take, with their places.
     held: Vec<(usize, Span)>,
     nested: Vec<Nested>,
     diagnostics: &'a mut Diagnostics,

@@ -1,4 +1,4 @@
-//! Services: processes that have no normal end. Declared on modules, inferred for groups.
+//! Services, which are processes without a normal end. Modules declare this, and it is inferred for groups.
 
 use super::ends::Members;
 use super::group_of;
@@ -7,7 +7,7 @@ use crate::check::names::listed;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 
-/// Infers which groups are services, the innermost first.
+/// Infers which groups are services. Inner groups come first.
 pub(super) fn infer(spec: &mut Spec) {
     let mut known: Vec<Option<bool>> = vec![None; spec.processes.len()];
     for process in 0..spec.processes.len() {
@@ -37,7 +37,7 @@ fn infer_process(spec: &Spec, process: usize, known: &mut Vec<Option<bool>>) -> 
     is_service
 }
 
-/// Whether no fault-free run of the expression ends, given which members are services.
+/// Returns whether no run of the expression ends without a fault. `members` says which members are services.
 pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
     let rest = |part: &Expr| is_service(part, members);
     match &expr.kind {
@@ -45,7 +45,7 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         ExprKind::Never | ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => true,
         ExprKind::Skip | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Within(..) | ExprKind::Broken => false,
         ExprKind::Concurrent(parts) | ExprKind::Disable(parts) => parts.iter().all(rest),
-        // `&` waits for every operand, so one that never ends is enough.
+        // `&` waits for every operand, so one service among them is enough.
         ExprKind::Finally(first, second) => rest(first) || rest(second),
         ExprKind::FailFast(parts)
         | ExprKind::AtLeast(_, parts)
@@ -65,7 +65,7 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
     }
 }
 
-/// Returns, for each instance of a group, whether it is a service. Known after `infer`.
+/// Returns for each instance of a group whether it is a service. This is known after `infer`.
 pub(super) fn members(spec: &Spec, process: &Process) -> Vec<bool> {
     let is_service = |target| match target {
         Target::Process(target) => spec.processes[target].is_service,
@@ -75,13 +75,13 @@ pub(super) fn members(spec: &Spec, process: &Process) -> Vec<bool> {
     process.instances.iter().map(|instance| is_service(instance.target)).collect()
 }
 
-/// Reports the members that never start or never end because of a service, and those that may never end for lack of
-/// one.
+/// Reports the members that never start or never end because of a service, and the members that may never end because no service is
+/// declared.
 pub(super) struct Order<'a> {
     spec: &'a Spec,
     process: &'a Process,
     members: &'a Members,
-    /// The members as if no group around a service tolerated its failure.
+    /// The members without tolerance: a group that is a service is never done, even if it tolerates failures.
     intolerant: Members,
     diagnostics: &'a mut Diagnostics,
 }
@@ -150,9 +150,9 @@ impl<'a> Order<'a> {
         is_service(expr, &self.members.services)
     }
 
-    /// In `P ; Q` a `P` that is never done keeps `Q` from starting; a group that turns out to be a service keeps the end
-    /// from coming. A service whose failure is tolerated here, as in `lidar? ; alarm`, is meant to fail over: nothing is
-    /// said.
+    /// Checks a sequence. In `P ; Q`, a `P` that is never done keeps `Q` from starting. If the last part is a group that turns out to be a
+    /// service, the sequence never ends. If the sequence itself tolerates the failure of a service, as in `lidar? ; alarm`, a failover is
+    /// meant, and nothing is reported.
     fn check(&mut self, parts: &[&Expr]) {
         let Some((last, before)) = parts.split_last() else { return };
         let is_open = |part: &&&Expr| self.intolerant.ends_of(part).done.is_none();
@@ -171,7 +171,7 @@ impl<'a> Order<'a> {
         self.diagnostics.push(found);
     }
 
-    /// `next` follows `part`, which is done only after a fault, or never.
+    /// Makes the diagnostic for `next`, which follows `part`. `part` is done only after a fault, or never.
     fn never_started(&self, part: &Expr, next: &Expr, is_after_fault: bool) -> Diagnostic {
         if !self.is_service(part) {
             let message = "this never starts: what stands before it is never done";
@@ -191,8 +191,8 @@ impl<'a> Order<'a> {
         diagnostic.help("run them together with `,`, or end the service with `# task`")
     }
 
-    /// A group `sensor, threshold` that is used as `group # arm`, where nothing says that the sensor never ends: `,` would
-    /// wait for it, and the arm would never be stopped.
+    /// Reports a group `sensor, threshold` in `group # arm` if it is unknown whether the sensor ends. If the sensor does not end and is not
+    /// declared as a service, `,` waits for it, and the arm is never stopped.
     fn may_never_end<'e>(&self, operand: &Expr, others: impl Iterator<Item = &'e Expr>) -> Option<Diagnostic> {
         let group = group_of(self.spec, self.process, operand).filter(|group| !group.damage.actions)?;
         let ExprKind::Concurrent(parts) = &group.actions.as_ref()?.kind else { return None };
@@ -212,7 +212,7 @@ impl<'a> Order<'a> {
     }
 }
 
-/// Whether it is unknown if the leaf ends.
+/// Returns whether it is unknown if a leaf ends.
 fn is_open(spec: &Spec, target: Target) -> bool {
     match target {
         Target::Module(module) => !spec.modules[module].is_service && !spec.modules[module].has_end,
@@ -221,7 +221,7 @@ fn is_open(spec: &Spec, target: Target) -> bool {
     }
 }
 
-/// The instance that an expression runs, when it is just that.
+/// Returns the instance, if the expression only runs one.
 fn run_of(expr: &Expr) -> Option<usize> {
     if let ExprKind::Run(slot, _) = &expr.kind { Some(*slot) } else { None }
 }

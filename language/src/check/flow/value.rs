@@ -1,4 +1,4 @@
-//! Values that get lost on the way: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without the
+//! Finds values that get lost: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without the
 //! value that `look` has found.
 
 use crate::check::diagnostics::Diagnostics;
@@ -7,7 +7,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeSet;
 
-/// Reports each step that drops a value which the step after it would start with.
+/// Reports each step that drops a value with which the next step would start.
 pub(super) fn check(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Diagnostics) {
     let walk = Walk { spec, process };
     walk.visit(expr, diagnostics);
@@ -49,7 +49,7 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// The steps of `a : b ;; c ::[n] d`, each of which starts with the value of the previous one.
+/// Collects the steps of `a : b ;; c ::[n] d`. Each step starts with the value of the previous step.
 fn flatten<'e>(expr: &'e Expr, chain: &mut Vec<&'e Expr>) {
     if let ExprKind::Conditional(parts) = &expr.kind {
         parts.iter().for_each(|part| flatten(part, chain));
@@ -57,14 +57,14 @@ fn flatten<'e>(expr: &'e Expr, chain: &mut Vec<&'e Expr>) {
         [first, second].into_iter().for_each(|part| flatten(part, chain));
     } else if let ExprKind::Asynchronous(source, pool) = &expr.kind {
         flatten(source, chain);
-        // The places differ by their instances alone.
+        // The places differ only in their instances, so one of them is enough.
         pool.iter().take(1).for_each(|part| flatten(part, chain));
     } else {
         chain.push(expr);
     }
 }
 
-/// The outcomes with which an expression leaves a value; groups nest finitely here.
+/// Returns the outcomes with which an expression leaves a value. At this point, no group contains itself.
 fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
     let rest = |part: &Expr| valued(spec, process, part);
     let all = |parts: Vec<&Expr>| parts.into_iter().flat_map(rest).collect();
@@ -109,13 +109,13 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
     }
 }
 
-/// The names of outcomes that have a value.
+/// Returns the names of the outcomes that have a value.
 fn with_value(outcomes: &[Outcome]) -> BTreeSet<String> {
     let valued = outcomes.iter().filter(|outcome| outcome.kind.is_some());
     valued.map(|outcome| outcome.name.text.clone()).collect()
 }
 
-/// The part of a step that is started with one of these outcomes and drops its value.
+/// Returns the part of a step that is started with one of these outcomes and drops its value.
 fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
     if valued.is_empty() {
         return None;
@@ -157,7 +157,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
     }
 }
 
-/// Whether an expression starts a process with the value that it is started with itself.
+/// Returns whether an expression starts a process with its own start value.
 fn starts(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Run(..) => true,
@@ -176,7 +176,7 @@ fn starts(expr: &Expr) -> bool {
         | ExprKind::Tagged(..) => expr.parts().into_iter().any(starts),
         ExprKind::Skip
         | ExprKind::Chart(_)
-        // It has a value of its own.
+        // `with` gives the process another value.
         | ExprKind::With(..)
         | ExprKind::Never
         | ExprKind::Fail(_)

@@ -1,5 +1,5 @@
-//! Values of arguments with every name replaced, and how programs get them: a record becomes one argument for each field,
-//! `grasp.force=20`, so that a program which knows nothing of records can take one. The fields of a list are its indices.
+//! Values of arguments with every name replaced, in the form for programs. A record becomes one argument for each field, such as
+//! `grasp.force=20`, so a program need not know records. The field names of a list are its indices.
 
 use crate::check::spec::{Param, Shape, Spec, Value, ValueKind};
 use crate::plan::{Argument, Constant};
@@ -8,12 +8,12 @@ use crate::unit::Dimension;
 /// A value without names of parameters.
 #[derive(Clone, Debug)]
 pub(super) enum Data {
-    /// With its dimension, if it was written with a unit.
+    /// A constant, with its dimension if it has a unit.
     Plain(Constant, Option<Dimension>),
     Record(Vec<(String, Self)>),
 }
 
-/// The value of an argument in a group with these parameter values.
+/// Returns the value of an argument in a group with these parameter values.
 pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
     match &value.kind {
         ValueKind::Constant(constant) => Some(Data::Plain(constant.clone(), value.dimension)),
@@ -31,8 +31,8 @@ pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
     }
 }
 
-/// Returns the value of a parameter: the one given, else the default. Fields that are left out have their defaults, in
-/// the order of the type.
+/// Returns the value of a parameter: the given value, otherwise the default. Missing fields get their defaults. The fields have the order
+/// of the type.
 pub(super) fn filled(spec: &Spec, param: &Param, given: Option<Data>) -> Option<Data> {
     let given = given.or_else(|| param.default.as_ref().and_then(|value| data(value, &[])));
     let shape = param.kind.as_ref().map(|kind| spec.shape(kind));

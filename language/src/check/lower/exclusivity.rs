@@ -1,7 +1,7 @@
-//! Which processes may run at the same time, seen from the event actions alone. Finds two writers of one input and two
-//! owners of one device, and the senders and receivers of an input that never run together although they should.
+//! Finds out from the event actions alone which processes may run at the same time. So it finds two writers of one input and two owners of
+//! one device. It also finds senders and receivers that never run together.
 //!
-//! Two processes may run together when the operator that joins them is one of `, & # any`. Groups pass this down:
+//! Two processes may run together when the operator that joins them is one of `, & # any`. The same holds for the members of groups:
 //! members of one group may run together with members of the other.
 
 use super::tree::Tree;
@@ -13,7 +13,7 @@ use crate::plan::{MemberKind, Retention, Transfer};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Up to this many users of one thing, each is compared with each.
+/// The largest number of users of one input or device that are compared with each other. If there are more, none of them are compared.
 const USERS_MAX: usize = 200;
 
 /// A place in the event actions of a group where an instance is run.
@@ -21,21 +21,21 @@ struct Place {
     slot: usize,
     sets: Vec<usize>,
     span: Span,
-    /// The resources that the `using`s around take: two members that take the same wait for each other.
+    /// The resources that the enclosing `using`s take. Two members that take the same resource wait for each other.
     taken: Vec<usize>,
     path: Path,
 }
 
-/// Something that is the case while certain places of a group run.
+/// A state that holds while certain places of a group run: for example an instance runs, or a set is open.
 #[derive(Clone)]
 struct Activity<'a> {
     group: usize,
     places: Vec<&'a Place>,
-    /// Whether it is the case for as long as the group runs.
+    /// Whether the state holds as long as the group runs.
     is_always: bool,
 }
 
-/// A connection into some input.
+/// A connection to an input.
 #[derive(Clone, Copy)]
 struct Writer<'a> {
     group: usize,
@@ -43,7 +43,7 @@ struct Writer<'a> {
     connection: &'a Connection,
 }
 
-/// A leaf that claims something.
+/// A leaf that claims a device.
 #[derive(Clone, Copy)]
 struct Owner<'a> {
     group: usize,
@@ -82,16 +82,16 @@ impl Places {
 #[derive(Default)]
 struct Enclosing {
     path: Path,
-    /// The resources that are taken.
+    /// The resources that these `using`s take.
     taken: Vec<usize>,
 }
 
 struct Exclusivity<'a> {
     spec: &'a Spec,
     tree: &'a Tree,
-    /// The places of each process, and which of them run an instance or open a set.
+    /// The places of each process, with an index by instance and by set.
     places: Vec<Places>,
-    /// The group around each group, and the slot in it.
+    /// The enclosing group of each group, and the slot in it.
     around: Vec<Option<(usize, usize)>>,
 }
 
@@ -131,7 +131,7 @@ fn collect(expr: &Expr, around: &mut Enclosing, places: &mut Vec<Place>) {
     around.taken.truncate(before);
 }
 
-/// The instances of a group that its event actions may run while they run another one.
+/// Returns the instances that the event actions of a group may run at the same time as another instance.
 pub(crate) fn concurrent_with(actions: &Expr, slot: usize) -> BTreeSet<usize> {
     let places = Places::new(Some(actions));
     let own = places.some(places.of_slot.get(&slot));
@@ -139,7 +139,7 @@ pub(crate) fn concurrent_with(actions: &Expr, slot: usize) -> BTreeSet<usize> {
     others.filter(|other| own.iter().any(|one| meet(one, other))).map(|other| other.slot).collect()
 }
 
-/// Whether two places run at the same time: the first operator that joins them decides, unless both take one thing.
+/// Returns whether two places may run at the same time. The innermost operator that joins them decides, unless both take the same resource.
 fn meet(one: &Place, other: &Place) -> bool {
     let takes_the_same = || one.taken.iter().any(|it| other.taken.contains(it));
     are_parallel(&one.path, &other.path).is_none_or(|is_parallel| is_parallel && !takes_the_same())
@@ -161,7 +161,7 @@ impl<'a> Exclusivity<'a> {
         Activity { group, places: places.some(places.of_set.get(&set)), is_always }
     }
 
-    /// The groups around a group, the outermost first, and itself.
+    /// Returns the groups around a group, the outermost first, and the group itself.
     fn chain(&self, group: usize) -> Vec<usize> {
         let outwards = std::iter::successors(Some(group), |&group| self.around[group].map(|(outer, _)| outer));
         let mut chain: Vec<usize> = outwards.collect();
@@ -169,7 +169,7 @@ impl<'a> Exclusivity<'a> {
         chain
     }
 
-    /// The same activity, seen from a group around its own.
+    /// Returns the activity in the view of an enclosing group.
     fn lift(&'a self, mut activity: Activity<'a>, until: usize) -> Activity<'a> {
         while activity.group != until {
             let Some((outer, slot)) = self.around[activity.group] else { break };
@@ -178,7 +178,7 @@ impl<'a> Exclusivity<'a> {
         activity
     }
 
-    /// Returns the place where both run at the same time, if they can; none when one of them lasts as long as its
+    /// Returns the places where both run at the same time, if that is possible. The list is empty when one of them lasts as long as its
     /// group.
     fn meeting(&'a self, one: &Activity<'a>, other: &Activity<'a>) -> Option<Vec<Span>> {
         let (outer, inner) = (self.chain(one.group), self.chain(other.group));
@@ -192,7 +192,7 @@ impl<'a> Exclusivity<'a> {
         Some(if a.span == b.span { vec![a.span] } else { vec![a.span, b.span] })
     }
 
-    /// All connections into each input. Any number may call one thing.
+    /// Returns all connections to each input. Calls are left out, because any number of processes may call the same port.
     fn writers(&'a self) -> BTreeMap<(u32, String), Vec<Writer<'a>>> {
         let mut writers: BTreeMap<(u32, String), Vec<Writer<'_>>> = BTreeMap::new();
         for group in 0..self.tree.groups.len() {
@@ -226,7 +226,7 @@ impl<'a> Exclusivity<'a> {
         }
     }
 
-    /// Where two connections are open at the same time, unless both have one source.
+    /// Returns the places where two connections are open at the same time, unless both have the same source.
     fn write_together(&'a self, one: Writer<'_>, other: Writer<'_>) -> Option<Vec<Span>> {
         let source = |writer: Writer<'_>| leaf_port(self.tree, self.spec, writer.group, &writer.connection.from);
         if source(one) == source(other) {
@@ -235,7 +235,7 @@ impl<'a> Exclusivity<'a> {
         self.meeting(&self.of_set(one.group, one.set), &self.of_set(other.group, other.set))
     }
 
-    /// Reports inputs of which no sender ever runs together with the receiver, so that nothing ever arrives.
+    /// Reports inputs whose senders never run together with the receiver, so that no value ever arrives.
     fn check_meetings(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Diagnostics) {
         let mut reported = BTreeSet::new();
         for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {
@@ -254,8 +254,8 @@ impl<'a> Exclusivity<'a> {
         }
     }
 
-    /// Whether the receiver of a connection never runs while its sender or its set does. Not so where the value waits or is
-    /// fetched, and where one of them never runs at all, which is said elsewhere.
+    /// Returns whether the receiver of a connection never runs at the same time as its sender or its set. The result is `false`
+    /// if the value waits or is fetched. It is also `false` if one of them never runs at all, which is reported elsewhere.
     fn never_meets(&'a self, writer: Writer<'_>, receiver: &Activity<'a>) -> bool {
         let connection = writer.connection;
         if connection.transfer == Transfer::Pull || connection.quality.retention == Retention::Latch {
@@ -271,7 +271,7 @@ impl<'a> Exclusivity<'a> {
         never(&sender, receiver) || never(&set, receiver)
     }
 
-    /// Whether an event action runs it, and the groups around it.
+    /// Returns whether an event action runs this activity and all groups around it.
     fn ever_runs(&'a self, activity: &Activity<'a>) -> bool {
         let outwards = std::iter::successors(Some(activity.clone()), |activity| {
             self.around[activity.group].map(|(outer, slot)| self.of_slot(outer, slot))
@@ -312,7 +312,7 @@ impl<'a> Exclusivity<'a> {
         }
     }
 
-    /// Where two owners run at the same time, unless both only read.
+    /// Returns the places where two owners run at the same time, unless both only read.
     fn own_together(&'a self, one: Owner<'_>, other: Owner<'_>) -> Option<Vec<Span>> {
         if !one.claim.is_write && !other.claim.is_write {
             return None;

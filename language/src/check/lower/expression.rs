@@ -1,4 +1,4 @@
-//! Lowers expressions: short forms are written out in the operators of the plan.
+//! Lowers expressions: short forms are expanded to operators of the plan.
 
 use super::quote::Quotes;
 use super::start::Starts;
@@ -16,7 +16,7 @@ pub(super) struct Lowering<'a> {
 }
 
 impl Lowering<'_> {
-    /// Writes an expression in the operators of the plan.
+    /// Returns an expression in the operators of the plan.
     pub(super) fn lower(self, expr: &Expr) -> Expression {
         lower(expr, self)
     }
@@ -43,7 +43,7 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
         ExprKind::Conditional(parts) => balance(all(parts), Expression::Conditional),
         ExprKind::Otherwise(parts) => balance(all(parts), Expression::Otherwise),
         ExprKind::Recurrent(first, second) => Expression::Recurrent(Box::new(rest(first)), Box::new(rest(second))),
-        // `retry(2) P` is `P else P else P`, and with a pause of d `P else (wait(d) ; P) else (wait(d) ; P)`.
+        // `retry(2) P` is `P else P else P`. With a pause of d, it is `P else (wait(d) ; P) else (wait(d) ; P)`.
         ExprKind::Retry(times, pause, part) => {
             let tries = (0..=*times).map(|number| match wait_first(*pause, number) {
                 Some(pause) => Expression::Sequence(Box::new(Expression::Wait(pause)), Box::new(rest(part))),
@@ -92,16 +92,16 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
     }
 }
 
-/// The most operands that are joined one by one, in the order of reading: `P ; (Q ; R)`.
+/// The largest number of operands that are joined one by one, in their order: `P ; (Q ; R)`.
 pub(super) const CHAIN_MAX: usize = 8;
 
-/// The pause before a try of `retry`: none before the first.
+/// Returns the pause before an attempt of `retry`. The first attempt has none.
 pub(super) fn wait_first(pause: Option<Duration>, number: u32) -> Option<Duration> {
     pause.filter(|_| number > 0)
 }
 
-/// Joins operands of an associative operator; more than a few of them to a tree of logarithmic depth, because a plan's
-/// depth is limited and the length of a sequence is not.
+/// Joins the operands of an associative operator. Many operands are joined to a tree of logarithmic depth, because the
+/// depth of a plan is limited and the length of a sequence is not.
 fn balance(mut parts: Vec<Expression>, join: fn(Box<Expression>, Box<Expression>) -> Expression) -> Expression {
     if parts.len() < 2 {
         return parts.pop().unwrap_or(Expression::Skip);
@@ -111,7 +111,7 @@ fn balance(mut parts: Vec<Expression>, join: fn(Box<Expression>, Box<Expression>
     join(Box::new(balance(parts, join)), Box::new(balance(right, join)))
 }
 
-/// Returns how many operators and operands the written-out expression has.
+/// Returns how many operators and operands the expanded expression has.
 pub(super) fn size(expr: &Expr) -> u64 {
     let parts: u64 = expr.parts().into_iter().map(size).fold(1, u64::saturating_add);
     if let ExprKind::Retry(times, ..) = &expr.kind { parts.saturating_mul(u64::from(*times) + 1) } else { parts }

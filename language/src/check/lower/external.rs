@@ -1,4 +1,4 @@
-//! The features that are refused to an instance whose program another deployment runs.
+//! Checks instances whose program another deployment runs. Some features are not allowed for them.
 
 use super::tree::Tree;
 use crate::check::diagnostics::Diagnostics;
@@ -8,7 +8,8 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Leaf, Transfer, Wire};
 use std::collections::BTreeSet;
 
-/// Reports each instance with `runs_in` that cannot refer to a process of another deployment than `name`.
+/// Reports each instance with `runs_in` that cannot refer to a process of another deployment. `name` is the name of
+/// this deployment.
 pub(super) fn check(spec: &Spec, tree: &Tree, name: &str, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let mut told = BTreeSet::new();
     for (number, leaf) in (0_u32..).zip(&tree.leaves) {
@@ -17,7 +18,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, name: &str, wires: &[Wire], diagno
         let Some(runs_in) = &instance.policies.runs_in else { continue };
         let found = own(spec, instance, runs_in, name).or_else(|| connected(wires, number, leaf));
         let Some((why, help)) = found else { continue };
-        // One text may describe several leaves.
+        // Several leaves may have the same text.
         if told.insert(runs_in.span) {
             let message = format!("`{}` cannot run in `{}`: {why}", instance.name.text, runs_in.deployment);
             diagnostics.push(Diagnostic::new(Code::E0116, runs_in.span, message).help(help));
@@ -25,7 +26,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, name: &str, wires: &[Wire], diagno
     }
 }
 
-/// Returns the mistake in the instance itself, and advice.
+/// Returns the mistake in the instance itself, with advice.
 fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option<(String, &'static str)> {
     if runs_in.deployment == name {
         return Some(("that is this deployment".to_owned(), "leave `runs_in` away: its program is started here"));
@@ -50,7 +51,7 @@ fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option
     })
 }
 
-/// Returns the mistake in its connections, and advice.
+/// Returns the mistake in the connections of the instance, with advice.
 fn connected(wires: &[Wire], number: u32, leaf: &Leaf) -> Option<(String, &'static str)> {
     if let Some(keys) = leaf.keys.first() {
         let why = format!("its `{}` is connected with keys of the database", keys.port);

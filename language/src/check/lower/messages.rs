@@ -1,6 +1,6 @@
-//! Adds the ports of activities: one program beside each activity that has connections, whose ports are those of the activity.
+//! Adds the ports of activities. Each activity with connections gets one program, whose ports are the ports of the activity.
 //!
-//! It is a member of the activity that no state runs: its program is there, linked and idle, for as long as the deployment.
+//! This program is a member of the activity that no state runs. It is linked and idle for as long as the deployment exists.
 
 use super::tree::Tree;
 use super::wires::{End, end};
@@ -18,14 +18,14 @@ const NAME: &str = "ports";
 /// How long the program may take to stop.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
 
-/// The activities of a plan whose ports are connected.
+/// The activities of a plan with connected ports.
 pub(super) struct Messages {
-    /// The leaf that has the ports of each such group.
+    /// The leaf with the ports of each of these activities.
     leaves: BTreeMap<usize, u32>,
 }
 
 impl Messages {
-    /// Finds the activities that a connection leads to or from.
+    /// Finds the activities that are the start or the end of a connection.
     pub(super) fn new(tree: &Tree, spec: &Spec) -> Self {
         let mut found = BTreeSet::new();
         for group in 0..tree.groups.len() {
@@ -47,12 +47,12 @@ impl Messages {
         self.leaves.get(&group).copied()
     }
 
-    /// Returns how many leaves they are.
+    /// Returns the number of these leaves.
     pub(super) fn count(&self) -> u32 {
         number(self.leaves.len())
     }
 
-    /// Adds the leaves to a plan, behind all that the text has.
+    /// Adds the leaves to a plan, after all leaves of the text.
     pub(super) fn add(&self, plan: &mut Plan, spec: &Spec, process_of: &[usize]) {
         for (&group, &leaf) in &self.leaves {
             let own = &mut plan.groups[group];
@@ -69,7 +69,7 @@ impl Messages {
     }
 }
 
-/// Returns the ports of an activity, as its program reads them: `in speech 8 Text;out say Text`.
+/// Returns the ports of an activity in the form that its program reads: `in speech 8 Text;out say Text`.
 fn list(spec: &Spec, process: usize) -> String {
     let Some(model) = spec.processes[process].chart() else { return String::new() };
     let mut limits = model.chart.chart.ports.iter();

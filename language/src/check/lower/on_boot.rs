@@ -1,10 +1,10 @@
-//! The statement `on_boot`: it stands in the process where a deployment begins, and is required if something moves.
+//! Checks the statement `on_boot`. It is allowed only in the process where a deployment begins.
 
 use crate::check::spec::Spec;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Claim, OnBoot};
 
-/// Reports `on_boot` in another process, and devices that move by themselves once the power is back.
+/// Reports `on_boot` in another process, and a device that moves by itself when the power returns.
 pub(super) fn check(spec: &Spec, root: usize, claims: &[Claim]) -> Vec<Diagnostic> {
     let others = spec.processes.iter().enumerate().filter(|(at, _)| *at != root);
     let found = others.filter_map(|(_, process)| {

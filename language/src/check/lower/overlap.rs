@@ -1,5 +1,5 @@
-//! The connections of a process whose programs are to overlap: only its own supervisor can hand them over, and only
-//! pushed ones.
+//! Checks the connections of a process whose old and new program are to overlap. Only its own supervisor can hand
+//! connections over, and only connections with pushed values.
 
 use super::tree::Tree;
 use crate::check::diagnostics::Diagnostics;
@@ -8,7 +8,7 @@ use crate::check::types::no_overlap;
 use crate::plan::{Leaf, Replacement, Transfer, Wire};
 use std::collections::BTreeSet;
 
-/// Reports each instance with `replace overlap` whose connections another program cannot take over during the run.
+/// Reports each instance with `replace overlap` if another program cannot take over its connections during the run.
 pub(super) fn check(spec: &Spec, tree: &Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let mut told = BTreeSet::new();
     for (number, leaf) in (0_u32..).zip(&tree.leaves).filter(|(_, leaf)| is_meant(leaf)) {
@@ -16,7 +16,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, wires: &[Wire], diagnostics: &mut 
         let instance = &spec.processes[tree.process_of[group]].instances[slot];
         let Some(span) = instance.policies.overlap else { continue };
         let Some(why) = obstacle(tree, wires, number, leaf, group) else { continue };
-        // One text may describe several leaves.
+        // Several leaves may have the same text.
         if told.insert(span) {
             diagnostics.push(no_overlap(span, &instance.name.text, &why));
         }
@@ -27,7 +27,7 @@ fn is_meant(leaf: &Leaf) -> bool {
     leaf.policy.replacement == Replacement::Overlap
 }
 
-/// Returns why the connections of a leaf cannot be handed over, if so.
+/// Returns the reason if the connections of a leaf cannot be handed over.
 fn obstacle(tree: &Tree, wires: &[Wire], number: u32, leaf: &Leaf, group: usize) -> Option<String> {
     let written = leaf.keys.iter().find(|keys| keys.is_write);
     if let Some(keys) = written {

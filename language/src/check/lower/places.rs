@@ -1,4 +1,5 @@
-//! The place of each node of a lowered expression in the text. It follows `expression::lower`, node by node.
+//! Finds the place in the text of each node of a lowered expression. The order of the nodes is that of
+//! `expression::lower`.
 
 use super::expression::{CHAIN_MAX, wait_first};
 use crate::check::spec::{Expr, ExprKind};
@@ -10,7 +11,7 @@ struct Placed {
     parts: Vec<Self>,
 }
 
-/// Returns the places of the nodes of a lowered expression, each before its operands.
+/// Returns the places of the nodes of a lowered expression. Each node comes before its operands.
 pub(crate) fn places(expr: &Expr) -> Vec<Span> {
     let mut all = Vec::new();
     flatten(&placed(expr), &mut all);

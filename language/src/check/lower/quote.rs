@@ -6,7 +6,7 @@ use crate::source::{Origin, Source, Span};
 /// The longest quotation, in characters.
 const QUOTE_MAX: usize = 60;
 
-/// The texts of a spec, and where their lines begin.
+/// The texts of a spec, with the ends of their lines.
 pub(crate) struct Quotes<'a> {
     spec: (&'a Source, Vec<usize>),
     others: Vec<(&'a Source, Vec<usize>)>,
@@ -19,8 +19,8 @@ impl<'a> Quotes<'a> {
         Self { spec: lines(spec), others: others.iter().map(lines).collect() }
     }
 
-    /// Returns the reason for the failure of an expression by its deadline: its text, its line, and its file if it is
-    /// another.
+    /// Returns the reason for the failure of an expression by its deadline. It quotes the text, and names the line, and
+    /// the file if it is not the spec.
     pub(super) fn deadline(&self, span: Span) -> String {
         let (source, lines) = match span.origin {
             Origin::Spec => &self.spec,
@@ -33,7 +33,7 @@ impl<'a> Quotes<'a> {
     }
 }
 
-/// Returns a text on one line. Of a long one the end stays, which has the deadline.
+/// Returns a text on one line. A long text loses its middle, because its end has the deadline.
 fn clipped(text: &str) -> String {
     let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
     let length = text.chars().count();

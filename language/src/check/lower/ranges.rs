@@ -1,4 +1,4 @@
-//! Values that are handed on through groups are known here for the first time: whether a parameter takes them.
+//! Checks ranges again: values that are passed through groups are known here for the first time.
 
 use super::data::{Data, data};
 use super::tree::Builder;
@@ -10,7 +10,8 @@ use crate::plan::Constant;
 use crate::source::Span;
 
 impl Builder<'_> {
-    /// Compares the arguments of an instance in a group whose parameters have the values `outer`.
+    /// Compares the arguments of an instance with the ranges of `params`. `outer` has the values of the parameters of
+    /// the group around it.
     pub(super) fn check_ranges(&mut self, params: &[Param], args: &[&Arg], outer: &[Data]) {
         let mut positional = params.iter();
         for arg in args {
@@ -24,7 +25,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Compares the start values in a group whose parameters have the values `outer`.
+    /// Compares the start values in a group with their ranges. `outer` has the values of the group's parameters.
     pub(super) fn check_starts(&mut self, process: &Process, expr: &Expr, outer: &[Data]) {
         if let ExprKind::With(StartValue::Known(value), part) = &expr.kind {
             let takers = takers(self.spec, process, part);
@@ -35,7 +36,8 @@ impl Builder<'_> {
         expr.parts().into_iter().for_each(|part| self.check_starts(process, part, outer));
     }
 
-    /// Compares an argument with the range of its parameter. A written value was compared before; a named one was not.
+    /// Compares an argument with the range of its parameter. A literal value was compared earlier, but the value of a
+    /// name was not.
     fn check_given(&mut self, param: &Param, given: &Value, outer: &[Data]) {
         match (&given.kind, param.kind.as_ref().map(|kind| self.spec.shape(kind))) {
             (ValueKind::Param(_), _) => {

@@ -1,6 +1,6 @@
 //! The arguments of a program of ROS 2: a parameter of a node is YAML, and an argument of a launch file is a plain text.
 //!
-//! A list is one argument, and a record has one for each field. Source: `rcl_yaml_param_parser`; YAML 1.1, 5.7.
+//! A list becomes one argument, and a record becomes one for each field. Source: `rcl_yaml_param_parser`; YAML 1.1, 5.7.
 
 use super::data::Data;
 use crate::check::declare::ros_node::Form;
@@ -8,12 +8,12 @@ use crate::check::spec::{Param, Shape, Spec};
 use crate::plan::{Argument, Constant};
 use crate::unit;
 
-/// From here on a whole number is not an integer of 64 bits.
+/// The least whole number that is too large for an integer of 64 bits.
 const INTEGER_END: f64 = 9_223_372_036_854_775_808.0;
-/// Characters that a text in double quotes does not keep: ends of lines, and those that are not allowed.
+/// Characters that must be escaped in double quotes: line ends, and characters that YAML does not allow.
 const ESCAPED: [char; 5] = ['\u{2028}', '\u{2029}', '\u{feff}', '\u{fffe}', '\u{ffff}'];
 
-/// How the values of one program are written.
+/// Writes the arguments of one program.
 #[derive(Clone, Copy)]
 pub(super) struct RosArguments<'a> {
     pub(super) spec: &'a Spec,
@@ -21,7 +21,7 @@ pub(super) struct RosArguments<'a> {
 }
 
 impl RosArguments<'_> {
-    /// Adds the arguments that carry the value of a parameter or of a field, which `param` declares.
+    /// Adds the arguments that carry the value of a parameter or field. `param` is its declaration.
     pub(super) fn add(self, name: String, param: Option<&Param>, data: Data, arguments: &mut Vec<Argument>) {
         let parts = match data {
             Data::Plain(value @ Constant::Secret(_), _) => {
@@ -54,7 +54,8 @@ impl RosArguments<'_> {
         }
     }
 
-    /// Returns a list of plain values as YAML; none if it is something else. ROS 2 refuses a list of integers and other numbers.
+    /// Returns a list of plain values as YAML, or none if the data is no such list. ROS 2 rejects a list that mixes integers and other
+    /// numbers.
     fn list(self, element: Option<&Param>, parts: &[(String, Data)]) -> Option<String> {
         let values = (0..).zip(parts).map(|(index, (name, data)): (usize, _)| match data {
             Data::Plain(Constant::Secret(_), _) | Data::Record(_) => None,
@@ -68,7 +69,7 @@ impl RosArguments<'_> {
         Some(format!("[{}]", texts.join(", ")))
     }
 
-    /// Whether a value of this parameter is a number or a quantity by its type.
+    /// Returns whether the type of this parameter is a number or a quantity.
     fn is_number(self, param: Option<&Param>) -> bool {
         match param.and_then(|param| param.kind.as_ref()).map(|kind| self.spec.shape(kind)) {
             Some(Shape::Plain(kind)) => kind == "Number" || unit::of_type(kind).is_some(),
@@ -77,7 +78,7 @@ impl RosArguments<'_> {
     }
 }
 
-/// Returns a value as a YAML scalar. ROS 2 refuses an integer for a floating point parameter.
+/// Returns a value as a YAML scalar. ROS 2 rejects an integer for a floating-point parameter.
 fn yaml(value: &Constant, is_float: bool) -> String {
     match value {
         Constant::Number(number) if number.fract() == 0.0 && (is_float || number.abs() >= INTEGER_END) => {
@@ -134,7 +135,7 @@ mod tests {
         node("a: Text", "a = \"7 = 'x'\\\\\u{2028}\"", &["a=\"7 = 'x'\\\\\\u2028\""]);
         node("a: Number, b: Force, c: Rate", "a = 2, b = 3 N, c = 1", &["a=2.0", "b=3.0", "c=1.0"]);
         node("a: Number, b: Truth", "a = -0.5, b = true", &["a=-0.5", "b=true"]);
-        // A value without a type is written as in the spec.
+        // A value without a declared type is written as in the spec.
         node(
             "a, b, c, d",
             "a = \"true\", b = \"007\", c = 5, d = false",
@@ -150,7 +151,7 @@ mod tests {
         node("a: Number[], b: Rate[2]", "a = [1, 2], b = [3, 4]", &["a=[1.0, 2.0]", "b=[3.0, 4.0]"]);
         node("a: Truth[]", "a = [true, false]", &["a=[true, false]"]);
         node("a, b, c", "a = [1, 2], b = [1, 2.5], c = [\"1\"]", &["a=[1, 2]", "b=[1.0, 2.5]", "c=[\"1\"]"]);
-        // ROS 2 does not know the type of an empty list, and refuses it.
+        // ROS 2 rejects an empty list, because its type is unknown.
         node("a: Text[]", "a = []", &[]);
         node("g: Grasp", "g = { names = [\"on\"] }", &["g.force=2.0", "g.names=[\"on\"]"]);
         node("g: Grasp[]", "g = [{ names = [\"1\"] }]", &["g.0.force=2.0", "g.0.names=[\"1\"]"]);

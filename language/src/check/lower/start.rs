@@ -1,4 +1,4 @@
-//! Start values as bytes: what a controller would leave for the next one, in the form of postcard.
+//! Start values as bytes, in the form in which a controller would leave a value for the next one (postcard).
 
 use super::data::{Data, data, filled};
 use crate::algebra::Value;
@@ -15,7 +15,7 @@ pub(super) struct Starts<'a> {
     process: &'a Process,
     /// The values of the parameters of the group.
     values: &'a [Data],
-    /// Values that do not fit, which shows here for the first time: they are handed on.
+    /// The values that do not fit. A value that is passed on is known here for the first time.
     found: RefCell<Vec<Diagnostic>>,
 }
 
@@ -24,12 +24,13 @@ impl<'a> Starts<'a> {
         Self { spec, process, values, found: RefCell::default() }
     }
 
-    /// The values that did not fit.
+    /// Returns the diagnostics of the values that did not fit.
     pub(super) fn found(self) -> Vec<Diagnostic> {
         self.found.into_inner()
     }
 
-    /// The value that an expression is started with; none if it is refused, which is reported.
+    /// Returns the value that an expression is started with. A value that does not fit is reported, and the result is
+    /// none.
     pub(super) fn given(&self, start: &StartValue, part: &Expr) -> Option<Given> {
         let StartValue::Known(value) = start else { return None };
         let takers = takers(self.spec, self.process, part);
@@ -68,7 +69,7 @@ fn misfit(param: Option<&Param>, value: &spec::Value) -> Diagnostic {
     }
 }
 
-/// Writes a value as bytes, and as a text for people.
+/// Writes a value as bytes, and as a text that people read.
 struct Writer<'a> {
     spec: &'a Spec,
     bytes: Vec<u8>,
@@ -76,7 +77,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Nothing if the value is not of this type.
+    /// Writes a value. Returns none if the value is not of this type.
     fn value(&mut self, kind: Option<&Kind>, value: &Data) -> Option<()> {
         match (kind.map(|kind| self.spec.shape(kind)), value) {
             (Some(Shape::Record(fields)), Data::Record(given)) => {
@@ -132,7 +133,7 @@ impl Writer<'_> {
         Some(())
     }
 
-    /// A length: seven bits a byte, the least significant first.
+    /// Writes a length with seven bits in each byte, the least significant first.
     fn count(&mut self, mut count: usize) {
         while count > 0x7f {
             self.bytes.push(u8::try_from(count & 0x7f).unwrap_or_default() | 0x80);

@@ -17,7 +17,7 @@ use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// Where everything runs when the spec names no host at all.
+/// The host of everything, if the spec names no host at all.
 const HOST_DEFAULT: &str = "local";
 /// How long a leaf without an interface may take to stop.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
@@ -35,7 +35,7 @@ pub(super) struct Tree {
     pub(super) place_of: Vec<(usize, usize)>,
 }
 
-/// A host while the tree is built: the root's may be known only at the end.
+/// A host during the construction of the tree. The host of the root may become known only at the end.
 #[derive(Clone, PartialEq, Eq)]
 enum Place {
     Named(String),
@@ -45,35 +45,35 @@ enum Place {
 /// The group around a leaf.
 #[derive(Clone, Copy)]
 struct Outer<'a> {
-    /// The values of its parameters.
+    /// The values of the group's parameters.
     values: &'a [Data],
     place: &'a Place,
-    /// Its index among the groups.
+    /// The index of the group in the plan.
     group: usize,
-    /// The slot of the leaf in it.
+    /// The slot of the leaf in the group.
     slot: usize,
 }
 
 pub(super) struct Builder<'a> {
     pub(super) spec: &'a Spec,
     diagnostics: &'a mut Diagnostics,
-    /// The diagnostics of values that are handed on: a text may be instantiated many times.
+    /// The diagnostics that were already reported. One text can have many instances.
     reported: BTreeSet<(Span, Code, String)>,
     tree: Tree,
     group_places: Vec<Place>,
     leaf_places: Vec<Place>,
     /// Hosts in the order of their first use.
     hosts: BTreeMap<String, u32>,
-    /// Groups reported for having no host.
+    /// The groups that were reported because they have no host.
     hostless: BTreeSet<usize>,
-    /// Places reported for being no host.
+    /// The places that were reported because their value is not a host.
     hostless_spans: BTreeSet<Span>,
-    /// Names reported because no node takes them.
+    /// The names that were reported because no node can have them.
     refused_hosts: BTreeSet<String>,
 }
 
 impl Tree {
-    /// Makes one group or leaf of every instance below the root.
+    /// Makes a group or leaf of the plan for each instance below the root.
     pub(super) fn new(spec: &Spec, root: usize, diagnostics: &mut Diagnostics) -> Self {
         let tree = Self {
             hosts: Vec::new(),
@@ -97,7 +97,7 @@ impl Tree {
             hostless_spans,
             refused_hosts: BTreeSet::new(),
         };
-        // A root without `main` has parameters without values: they stand for themselves.
+        // If the root is not `main`, its parameters may have no values. Such a parameter stands for its own name.
         let values = bind(spec, &spec.processes[root], &[], &[]);
         builder.group(root, "main".to_owned(), &values, Place::Root);
         builder.finish()
@@ -187,7 +187,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The place that a value names; anything but a text is reported.
+    /// Returns the place that a value names. Reports a value that is not a possible name of a host.
     fn named(&mut self, value: &Value, values: &[Data], path: &str) -> Option<Place> {
         match data(value, values)? {
             Data::Plain(Constant::Text(host), _) if host_name_problem(&host).is_none() => {
@@ -200,7 +200,7 @@ impl Builder<'_> {
             }
             other @ (Data::Plain(..) | Data::Record(_)) => {
                 let is_new = match &other {
-                    // A name is reported at its first place.
+                    // A name is reported only at its first place.
                     Data::Plain(Constant::Text(host), _) => self.refused_hosts.insert(host.clone()),
                     Data::Plain(..) | Data::Record(_) => true,
                 };
@@ -250,16 +250,16 @@ impl Builder<'_> {
         MemberKind::Leaf(leaf)
     }
 
-    /// The parameters of a controller that the spec starts by itself, of which its node knows nothing. The parameters of a program
-    /// of ROS 2 are not those of its controller.
+    /// Returns the parameters of a controller whose program the spec starts with `exec`, because its node does not know them. For a program
+    /// of ROS 2, there are none, because its parameters are not parameters of its controller.
     fn parameters(&self, module: &Module) -> Option<Vec<Parameter>> {
         let is_started =
             module.kind == LeafKind::Controller && module.exec.as_deref().is_some_and(|exec| form(exec).is_none());
         module.params.as_deref().filter(|_| is_started).and_then(|params| parameters_of(self.spec, params))
     }
 
-    /// The arguments of a leaf after its host: those that are given, in their order, then the defaults of others. Each has its name,
-    /// however it is given; only where nothing says which parameters there are it has none.
+    /// Returns the arguments of a leaf after its host: first the given arguments in their order, then the defaults of the other parameters.
+    /// Each argument has a name, even if it was given by position. It has none only if the parameters are unknown.
     fn arguments(&mut self, module: Option<&Module>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
         let params = module.and_then(|module| module.params.as_deref());
         let form = module.and_then(|module| module.exec.as_deref()).and_then(form);
@@ -273,7 +273,7 @@ impl Builder<'_> {
                 None => places.next(),
             };
             let name = name.or(param.map(|param| param.name.text.as_str()));
-            // A program of ROS 2 knows its parameters by name alone.
+            // A program of ROS 2 knows its parameters only by name.
             if name.is_none() && (form.is_some() || matches!(value, Data::Record(_))) {
                 self.report_once(nameless(arg.value.span));
             }
@@ -303,14 +303,14 @@ impl Builder<'_> {
         arguments
     }
 
-    /// Reports a mistake in a text that is written once, but stands for several leaves.
+    /// Reports a mistake once, even if its text stands for several leaves.
     pub(super) fn report_once(&mut self, diagnostic: Diagnostic) {
         if self.reported.insert(key(&diagnostic)) {
             self.diagnostics.push(diagnostic);
         }
     }
 
-    /// Numbers the hosts; the root's default is the first that is named anywhere.
+    /// Numbers the hosts. If the root has no host, it gets the first host that is named anywhere.
     fn finish(mut self) -> Tree {
         if self.tree.hosts.is_empty() {
             self.tree.hosts.push(HOST_DEFAULT.to_owned());
@@ -330,7 +330,7 @@ impl Builder<'_> {
     }
 }
 
-/// The values of a group's parameters; mistakes in the arguments were reported before.
+/// Returns the values of a group's parameters. Mistakes in the arguments are already reported.
 fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Data> {
     let mut positional = args.iter().filter(|arg| arg.name.is_none());
     let values = process.params.iter().map(|param| {
@@ -342,8 +342,8 @@ fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Dat
     values.collect()
 }
 
-/// The policy of a leaf. In a group with supervision a program is started again unless it says otherwise, or would have
-/// forgotten what its type remembers; and it has the back-off of the group unless it has its own, or is never started again.
+/// Returns the policy of a leaf. In a group with supervision, a program is started again, unless its policy differs or it would lose what
+/// its type remembers. A program that may be started again has its own back-off, or else the back-off of the group.
 fn policy(instance: &Instance, module: Option<&Module>, group: &Process) -> Policy {
     let mut policy = instance.policies.policy.clone();
     let is_said = instance.policies.restart.is_some() || module.is_some_and(|module| module.remembers);

@@ -6,7 +6,7 @@ use crate::check::spec::{Endpoint, Spec};
 use crate::plan::{ConnectionSet, KeyBinding, LeafPort, MemberKind, Quality, Transfer, Wire};
 use std::collections::BTreeMap;
 
-/// All wires, each once: a wire in two sets is shared by them.
+/// All wires, each once. Two sets can share a wire.
 #[derive(Default)]
 pub(super) struct Wires {
     pub(super) all: Vec<Wire>,
@@ -37,7 +37,7 @@ impl Wires {
         sets.collect()
     }
 
-    /// Adds a wire; returns its number, which is the one of an equal wire if there is such.
+    /// Adds a wire and returns its number. If there is an equal wire, its number is returned.
     pub(super) fn add(&mut self, wire: Wire) -> u32 {
         let (from, to) = (wire.from.clone(), wire.to.clone());
         let key = (from.leaf, from.port, to.leaf, to.port, wire.transfer, wire.quality);
@@ -61,11 +61,11 @@ pub(super) fn connect_keys(tree: &mut Tree, spec: &Spec, group: usize) {
     }
 }
 
-/// The owner of a port, behind all groups that show it.
+/// The owner of a port, after following all exports of groups.
 pub(super) enum End<'e> {
     /// A port of a leaf.
     Leaf(LeafPort),
-    /// A port for messages of a group that is an activity.
+    /// A message port of a group that is an activity.
     Activity {
         /// The group.
         group: usize,

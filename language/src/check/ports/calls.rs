@@ -1,10 +1,10 @@
-//! Checks connections that carry calls: from a process that calls to another one's export.
+//! Checks connections that carry calls: from a process that calls, to a procedure or state of another process.
 
 use crate::check::spec::{Call, CallRole, Connection, Direction, Kind, Port, Spec, TypeMatch};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Quality, Transfer};
 
-/// Returns why a connection is neither for calls nor for data.
+/// Returns the reason if a connection is neither for calls nor for data.
 pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Port>) -> Option<Diagnostic> {
     let is_call = |port: Option<&Port>| port.map(|port| port.call.is_some());
     let error = |message: String| Diagnostic::new(Code::E0307, connection.span, message);
@@ -33,7 +33,7 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
     not_plain(connection)
 }
 
-/// Returns why a call cannot be connected in this way: only values have a quality.
+/// Returns the reason if a call cannot be connected in this way. Only connections of values have a quality.
 pub(super) fn not_plain(connection: &Connection) -> Option<Diagnostic> {
     let is_plain = connection.transfer != Transfer::Pull && connection.quality == Quality::default();
     let message = "a call has no `pull`, `latch`, `queue` or `rate`";

@@ -10,19 +10,19 @@ const HEARS: [&str; 2] = ["KeyNews", "KeyAnswer"];
 /// The types that an output can put at a key.
 const PUTS: [&str; 1] = ["KeyPut"];
 
-/// Returns whether the program itself is meant, which uses the database without a port.
+/// Returns whether the connection is for the program itself, which uses the database without a port.
 pub(super) fn is_program(connection: &KeyConnection) -> bool {
     connection.endpoint.port.text == DATABASE
 }
 
-/// Returns why a program cannot be connected with keys.
+/// Returns the reason if a program cannot be connected with keys.
 pub(super) fn check_program(connection: &KeyConnection) -> Option<Diagnostic> {
     let error = || Diagnostic::new(Code::E0308, connection.span, "a program reads keys without a connection");
     let is_read = !connection.is_write;
     is_read.then(|| error().help(format!("what it may write is `robot, {DATABASE} -> db(\"team/flat/claim/**\");`")))
 }
 
-/// Returns why a port cannot be connected with keys.
+/// Returns the reason if a port cannot be connected with keys.
 pub(super) fn check(connection: &KeyConnection, port: &Port) -> Option<Diagnostic> {
     let name = &connection.endpoint.port;
     let error = |message: String| {

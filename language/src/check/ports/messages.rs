@@ -1,4 +1,4 @@
-//! The ports of activities as ends of connections: values and queue messages come to them, and values leave them.
+//! The ports of activities as ends of connections: they receive values and queue messages, and send values.
 
 use super::Interfaces;
 use crate::check::spec::{CallRole, Connection, Direction, Endpoint, Kind, Port, Process, Spec};
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 const MESSAGE: &str = "QueueMessage";
 const RECEIPT: &str = "Receipt";
 
-/// Returns where activities declare their ports.
+/// Returns the places where activities declare their ports.
 pub(super) fn declared(spec: &Spec) -> BTreeSet<Span> {
     let charts = spec.processes.iter().filter_map(Process::chart);
     charts.flat_map(|chart| &chart.ports).map(|port| port.name.span).collect()
@@ -28,7 +28,8 @@ impl Interfaces<'_> {
         sends(from) && to.direction == Direction::In && self.messages.contains(&to.name.span)
     }
 
-    /// Returns why an activity cannot fetch values: each message is an event, and comes once.
+    /// Returns the reason if an activity would have to fetch values. Each message is an event that comes once, so an
+    /// activity never fetches.
     pub(super) fn pulled(&self, connection: &Connection, to: Option<&Port>) -> Option<Diagnostic> {
         let to = to.filter(|to| connection.transfer == Transfer::Pull && self.messages.contains(&to.name.span))?;
         let message = format!("`{}` takes messages as they come, and an activity fetches nothing", to.name.text);
@@ -36,7 +37,7 @@ impl Interfaces<'_> {
         Some(diagnostic.reason(to.name.span, "declared here").help("leave `pull` away"))
     }
 
-    /// Returns why a port cannot be connected with the database or with ROS 2, if it is one of an activity.
+    /// Returns the reason if a port of an activity is connected with the database or with ROS 2, which is not possible.
     pub(super) fn outside(&self, port: &Port, endpoint: &Endpoint, code: Code) -> Option<Diagnostic> {
         let message = || format!("`{}` is a port of an activity, which only other processes reach", port.name.text);
         let found =

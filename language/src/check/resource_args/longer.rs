@@ -1,5 +1,5 @@
-//! Reports members that hold a resource for longer than they use it. The group around holds it for the whole run of the member,
-//! so others wait for longer than they need. A supervisor does not ask another one in the middle of its expression.
+//! Reports members that hold a resource for longer than they use it. The group holds the resource for the whole run of the member, so other
+//! members wait for longer than necessary. A supervisor cannot ask another supervisor in the middle of its expression.
 
 use super::Held;
 use crate::check::spec::{Expr, ExprKind, Path, Spec, Target, are_parallel};
@@ -7,25 +7,25 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeSet;
 
-/// As many runs of one group are compared with each other.
+/// The largest number of runs of one group that are compared with each other.
 const RUNS_MAX: usize = 1000;
 
-/// A run of a member that is handed something.
+/// A run of a member that gets a resource.
 struct Run {
     slot: usize,
     span: Span,
     path: Path,
 }
 
-/// Reports each group type that keeps a resource for longer than it uses it, while others wait. `holds` has the
-/// resources handed to each instance of each group.
+/// Reports each group type that keeps a resource for longer than it uses it while others wait. `holds` has the resources of each instance
+/// of each group.
 pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
     let (mut said, mut found) = (BTreeSet::new(), Vec::new());
     for (process, holds_here) in std::iter::zip(&spec.processes, holds) {
         let Some(actions) = process.actions.as_ref().filter(|_| !process.damage.actions) else { continue };
         let mut runs = Vec::new();
         collect(actions, holds_here, &mut Vec::new(), &mut runs);
-        // Each is compared with each.
+        // Each run is compared with each other one.
         runs.truncate(RUNS_MAX);
         for run in &runs {
             let Target::Process(target) = process.instances[run.slot].target else { continue };
@@ -65,7 +65,8 @@ fn collect(expr: &Expr, holds: &[Vec<Held>], path: &mut Path, runs: &mut Vec<Run
     }
 }
 
-/// Whether a group uses the resource of this name as long as it runs. A group that could not be read completely may.
+/// Returns whether a group uses the resource of this name as long as it runs. The answer is also yes if the group could not be read
+/// completely.
 fn uses(spec: &Spec, holds: &[Vec<Vec<Held>>], process: usize, name: &str) -> bool {
     let group = &spec.processes[process];
     let Some(resource) = group.resources.iter().position(|known| known.text == name) else { return true };
@@ -76,11 +77,11 @@ fn uses(spec: &Spec, holds: &[Vec<Vec<Held>>], process: usize, name: &str) -> bo
 fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
     match &expr.kind {
         ExprKind::Using(taken, part) => taken.contains(&resource) || throughout(part, holds, resource),
-        // The member that gets it also has it; whether for too long is reported there.
+        // The member that gets the resource uses it. If it holds it for too long, this is reported there.
         ExprKind::Run(slot, _) => {
             holds.get(*slot).is_some_and(|held| held.iter().any(|held| held.resource == resource))
         }
-        // These are over at once.
+        // These end at once.
         ExprKind::Skip | ExprKind::Fail(_) | ExprKind::Broken => true,
         ExprKind::Never | ExprKind::Wait(_) => false,
         ExprKind::Concurrent(_)

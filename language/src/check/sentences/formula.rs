@@ -1,7 +1,7 @@
 //! Reads the formula of `holds ltl "G (a -> F b.done)"`.
 //!
-//! `!`, `G` and `F` bind tightest, then `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), `<->`. There is
-//! no word for "next": the number of steps between two events is not fixed.
+//! `!`, `G` and `F` bind tightest. Then come `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), and `<->`.
+//! "Next" does not exist, because the number of steps between two events is not fixed.
 
 use super::names::Names;
 use super::words::Words;
@@ -9,14 +9,14 @@ use super::{Read, unreadable};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::sites::Formula;
 
-/// The parts of a formula, for the author of a text that is not a formula.
+/// The parts of a formula, which a message shows if a text is not a formula.
 pub(super) const FORMS: &str = "a formula is made of `p`, `p.running`, `p.stopping`, `p.started`, `p.done`, `p.aborted`, `p.ended`, \
     `true`, `false`, and of `!a`, `G a` (always), `F a` (at some time), `a U b` (until), `a W b` (until, or for ever), `a R b` (b up to \
     and with a), `a & b`, `a | b`, `a -> b`, `a <-> b`";
-/// The most words and signs of a formula, which limits the recursion here.
+/// The largest number of words and signs of a formula. This limits the recursion here.
 const WORDS_MAX: usize = 200;
 
-/// Reads the string that comes next as a formula.
+/// Reads the next string as a formula.
 pub(super) fn read(sentence: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let Some(mut words) = sentence.string() else { return Err(unreadable(sentence.want("a formula in quotes"))) };
     if words.count_all() > WORDS_MAX {
@@ -36,7 +36,7 @@ fn not(formula: Formula) -> Formula {
     Formula::Not(boxed(formula))
 }
 
-/// `a <-> b`
+/// Reads `a <-> b`.
 fn same(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let mut left = implies(words, names)?;
     while words.eat_two("<-", ">") {
@@ -45,7 +45,7 @@ fn same(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     Ok(left)
 }
 
-/// `a -> b`
+/// Reads `a -> b`.
 fn implies(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let left = or(words, names)?;
     match words.eat("->") {
@@ -54,7 +54,7 @@ fn implies(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     }
 }
 
-/// `a | b`
+/// Reads `a | b`.
 fn or(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let mut left = and(words, names)?;
     while words.eat("|") {
@@ -63,7 +63,7 @@ fn or(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     Ok(left)
 }
 
-/// `a & b`
+/// Reads `a & b`.
 fn and(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let mut left = until(words, names)?;
     while words.eat("&") {
@@ -72,7 +72,7 @@ fn and(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     Ok(left)
 }
 
-/// `a U b`, `a W b`, `a R b`
+/// Reads `a U b`, `a W b` or `a R b`.
 fn until(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let left = one(words, names)?;
     let operator = ["U", "W", "R"].into_iter().find(|operator| words.eat(operator));
@@ -85,7 +85,7 @@ fn until(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     })
 }
 
-/// `!a`, `G a`, `F a`, `(a)`, `p.done`
+/// Reads `!a`, `G a`, `F a`, `(a)` or `p.done`.
 fn one(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
     if words.eat("!") {
         return Ok(not(one(words, names)?));

@@ -1,4 +1,4 @@
-//! The meaning of a sentence's names in the groups of a plan.
+//! Finds the meaning of a sentence's names in the groups of a plan.
 
 use super::words::Kind;
 use super::{Read, Words, unreadable};
@@ -14,20 +14,20 @@ pub(crate) const EVENTS: [&str; 4] = ["done", "aborted", "started", "ended"];
 /// The words for the states of a process, for formulas.
 pub(crate) const STATES: [&str; 2] = ["running", "stopping"];
 
-/// The words that may follow a process, or refer to the group itself.
+/// Returns the words that may follow the name of a process, or that refer to the group itself.
 fn last_words<'w>(words: &Words) -> impl Iterator<Item = &'w str> + use<'w> {
     let states = if words.kind() == Kind::Formula { &STATES[..] } else { &[] };
     EVENTS.into_iter().chain(states.iter().copied())
 }
 
-/// A group of a plan, in which names are looked up.
+/// A group of a plan, and the lookup of names in it.
 pub(super) struct Names<'a> {
     pub(super) plan: &'a Plan,
     pub(super) group: u32,
 }
 
 impl Names<'_> {
-    /// `hit`, `hit.force`, `robot[2]`
+    /// Reads `hit`, `hit.force` or `robot[2]`.
     pub(super) fn who(&self, words: &mut Words) -> Read<ProcessRef> {
         let (who, event) = self.path(words)?;
         match event {
@@ -36,7 +36,7 @@ impl Names<'_> {
         }
     }
 
-    /// A process, or all that claim a device.
+    /// Reads a process, or a device whose claiming processes are returned.
     pub(super) fn who_or_device(&self, words: &mut Words) -> Read<Vec<ProcessRef>> {
         let mut look = words.peek();
         if let Some((name, _)) = look.name()
@@ -51,7 +51,7 @@ impl Names<'_> {
         Ok(vec![self.who(words)?])
     }
 
-    /// The leaves below the group that claim a device.
+    /// Returns the leaves below the group that claim a device.
     fn owners(&self, device: &str) -> Vec<ProcessRef> {
         let claims = self.plan.claims.iter().filter(|claim| claim.device == device);
         let leaves: Vec<u32> = claims.map(|claim| claim.leaf).collect();
@@ -71,13 +71,13 @@ impl Names<'_> {
         owners
     }
 
-    /// `a.done`, `a.done.found`, `a`; the group itself is its own name, `main`, or nothing.
+    /// Reads `a.done`, `a.done.found` or `a`. The group itself is referred to by its own name, by `main`, or by no name.
     pub(super) fn occurrence(&self, words: &mut Words, otherwise: EventKind) -> Read<Occurrence> {
         let (who, event) = self.path(words)?;
         Ok(Occurrence { who, kind: self.kind(who, event.as_deref(), words)?.unwrap_or(otherwise) })
     }
 
-    /// `a`, `a.running`, `a.done.found`
+    /// Reads `a`, `a.running` or `a.done.found`.
     pub(super) fn atom(&self, words: &mut Words) -> Read<Atom> {
         let (who, last) = self.path(words)?;
         Ok(match last.as_deref() {
@@ -90,7 +90,7 @@ impl Names<'_> {
         })
     }
 
-    /// The event of a word, with the outcome behind it.
+    /// Returns the event that a word names, with the outcome after it.
     fn kind(&self, who: ProcessRef, event: Option<&str>, words: &mut Words) -> Read<Option<EventKind>> {
         Ok(Some(match event {
             Some("done") if words.eat(".") => match words.name() {
@@ -105,7 +105,7 @@ impl Names<'_> {
         }))
     }
 
-    /// An outcome that a process may have: one that its module declares, of a group one that anything below it may leave.
+    /// Checks that a process may have this outcome. A module declares its outcomes. A group may have the outcomes of everything below it.
     fn outcome(&self, who: ProcessRef, name: String, span: Span) -> Read<String> {
         let group = &self.plan.groups[who.group as usize];
         let member = who.member.map(|slot| &group.members[slot as usize]);
@@ -128,7 +128,7 @@ impl Names<'_> {
         }))
     }
 
-    /// Adds the outcomes that a program declares, or that anything in a group may leave.
+    /// Adds the outcomes that a program declares, or that any part of a group may leave.
     fn outcomes<'p>(&'p self, of: MemberKind, known: &mut Vec<&'p str>) {
         match of {
             MemberKind::Leaf(leaf) => known.extend(self.plan.leaves[leaf as usize].outcomes.iter().map(String::as_str)),
@@ -140,7 +140,7 @@ impl Names<'_> {
         }
     }
 
-    /// A process, and the event behind it if there is one.
+    /// Reads a process, and the event after it if there is one.
     fn path(&self, words: &mut Words) -> Read<(ProcessRef, Option<String>)> {
         let mut who = ProcessRef { group: self.group, member: None };
         let mut inside = Some(self.group);
@@ -196,7 +196,7 @@ impl Names<'_> {
         })
     }
 
-    /// A host of the plan.
+    /// Reads a host of the plan.
     pub(super) fn host(&self, words: &mut Words) -> Read<String> {
         let Some((name, span)) = words.name() else { return Err(unreadable(words.want("a host"))) };
         if self.plan.hosts.contains(&name) {
@@ -208,7 +208,7 @@ impl Names<'_> {
     }
 }
 
-/// Offers one of the possible words at a place with an unknown name, if it looks like one, and like no process.
+/// For an unknown name that resembles no process, offers a possible word that resembles it.
 pub(super) fn or_word(unknown: Box<Diagnostic>, words: &Words, wanted: &[&'static str]) -> Box<Diagnostic> {
     let (name, place) = (words.next_name().unwrap_or_default(), words.place());
     let is_it = unknown.code == Code::E0802

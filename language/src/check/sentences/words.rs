@@ -54,7 +54,7 @@ const WORDS: [&str; 42] = [
     "h",
 ];
 
-/// Whether a word has a special meaning in sentences.
+/// Returns whether a word has a special meaning in sentences.
 pub(crate) fn is_word(text: &str) -> bool {
     text != "a" && WORDS.contains(&text)
 }
@@ -79,7 +79,7 @@ pub(crate) struct Word {
     pub(crate) text: String,
     pub(crate) span: Span,
     pub(crate) is_name: bool,
-    /// Whether it is in the string of a formula.
+    /// Whether the word is in the string of a formula.
     pub(crate) is_formula: bool,
 }
 
@@ -124,7 +124,7 @@ impl Words {
         Self { tokens, span, at: 0, wanted: "a sentence", kind: Kind::Sentence }
     }
 
-    /// The words in the string that comes next, each with its place in the text.
+    /// Returns the words in the next string, each with its place in the text.
     pub(super) fn string(&mut self) -> Option<Self> {
         let string = self.tokens.get(self.at).filter(|token| token.kind == Text)?;
         let inner = string.text.strip_prefix('"')?;
@@ -132,7 +132,7 @@ impl Words {
         let mut tokens = Vec::new();
         for token in lex(inner).into_iter().filter(|token| !token.kind.is_trivia()) {
             let text = &inner[token.start as usize..token.end as usize];
-            // A stretch that the lexer does not know is one token there; here each sign is a separate word.
+            // The lexer makes one token of text that it does not know. Here, each sign of it is a separate word.
             let is_unknown = token.kind == Unknown;
             let pieces: Vec<&str> =
                 if is_unknown { text.split_inclusive(|_: char| true).collect() } else { vec![text] };
@@ -151,12 +151,12 @@ impl Words {
         self.kind
     }
 
-    /// How many words there are.
+    /// Returns the number of words.
     pub(super) fn count_all(&self) -> usize {
         self.tokens.len()
     }
 
-    /// All words, with those of a formula in place of its string.
+    /// Returns all words. The words of a formula take the place of its string.
     fn all(mut self) -> Vec<Word> {
         let mut all = Vec::new();
         while !self.is_over() {
@@ -171,7 +171,7 @@ impl Words {
         all
     }
 
-    /// The same words, to look ahead.
+    /// Returns a copy of the words for looking ahead.
     pub(super) fn peek(&self) -> Self {
         Self { tokens: self.tokens.clone(), ..*self }
     }
@@ -180,7 +180,7 @@ impl Words {
         self.span
     }
 
-    /// The sentence on one line.
+    /// Returns the sentence on one line.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         for (index, token) in self.tokens.iter().enumerate() {
@@ -195,7 +195,7 @@ impl Words {
         text
     }
 
-    /// The place of the next word; after the last one, of the last one.
+    /// Returns the place of the next word. At the end, this is the place of the last word.
     pub(super) fn place(&self) -> Span {
         let token = self.tokens.get(self.at).or(self.tokens.last());
         token.map_or(self.span, |token| token.span)
@@ -226,7 +226,7 @@ impl Words {
         self.next_name().is_some()
     }
 
-    /// The next word, if it is a name or looks like one.
+    /// Returns the next word, if it has the form of a name.
     pub(super) fn next_name(&self) -> Option<&str> {
         self.tokens.get(self.at).filter(|token| token.kind == Ident).map(|token| token.text.as_str())
     }
@@ -270,7 +270,7 @@ impl Words {
         })))
     }
 
-    /// The next name or string.
+    /// Reads the next name or string.
     pub(super) fn name(&mut self) -> Option<Place> {
         let token = self.tokens.get(self.at).filter(|token| [Ident, Text].contains(&token.kind))?;
         self.at += 1;
@@ -278,7 +278,7 @@ impl Words {
         Some((text, token.span))
     }
 
-    /// `[2]`
+    /// Reads `[2]`.
     pub(super) fn index(&mut self) -> Read<Option<usize>> {
         if !self.eat("[") {
             return Ok(None);
@@ -290,7 +290,7 @@ impl Words {
         Ok(Some(value))
     }
 
-    /// `300 ms`
+    /// Reads `300 ms`.
     pub(super) fn time(&mut self) -> Read<Duration> {
         let number = self.tokens.get(self.at).filter(|token| token.kind == Number);
         let word = self.tokens.get(self.at + 1).filter(|token| token.kind == Ident);
@@ -305,7 +305,7 @@ impl Words {
         Ok(time)
     }
 
-    /// `3 times`
+    /// Reads `3 times`.
     pub(super) fn count(&mut self, word: &'static str) -> Read<u32> {
         let value = self.tokens.get(self.at).and_then(|token| token.text.parse().ok());
         let value = value.filter(|_| self.is(1, word));

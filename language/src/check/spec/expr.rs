@@ -1,4 +1,4 @@
-//! Event actions, checked: expressions, and the charts of activities.
+//! Checked event actions: expressions, and the charts of activities.
 
 use super::{Outcome, Port, Value};
 use crate::automaton::{Failure, StateKind};
@@ -7,7 +7,7 @@ use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::time::Duration;
 
-/// An event-action expression with slots for names.
+/// An event-action expression, in which slots replace names.
 #[derive(Debug)]
 pub(crate) struct Expr {
     pub(crate) span: Span,
@@ -16,7 +16,7 @@ pub(crate) struct Expr {
 
 #[derive(Debug)]
 pub(crate) enum ExprKind {
-    /// Slot, and indices into [`Process::sets`].
+    /// The slot, and the open sets as indices into [`Process::sets`].
     Run(usize, Vec<usize>),
     Skip,
     Never,
@@ -33,25 +33,25 @@ pub(crate) enum ExprKind {
     Recurrent(Box<Expr>, Box<Expr>),
     /// `P else match { ... }`
     Catch(Box<Expr>, Vec<CatchArm>),
-    /// How many times more, and the pause before each.
+    /// The number of further attempts, and the pause before each of them.
     Retry(u32, Option<Duration>, Box<Expr>),
-    /// The outcomes that end it; any other one starts its operand again.
+    /// The outcomes that end the repetition. Any other outcome starts the operand again.
     Repeat(Vec<Name>, Box<Expr>),
     Within(Duration, Box<Expr>),
     Match(Vec<Arm>),
     Shield(Option<Duration>, Box<Expr>),
-    /// A process with the resources that it takes: indices into [`Process::resources`].
+    /// A process with the resources that it takes, as indices into [`Process::resources`].
     Using(Vec<usize>, Box<Expr>),
-    /// The source, and the pool written out.
+    /// The source, and the expanded pool.
     Asynchronous(Box<Expr>, Vec<Expr>),
     Finally(Box<Expr>, Box<Expr>),
-    /// The tag that its outcome gets.
+    /// The tag that the outcome gets.
     Tagged(Name, Box<Expr>),
-    /// The value that it starts with.
+    /// The start value.
     With(StartValue, Box<Expr>),
     /// The states of an activity.
     Chart(Box<ChartModel>),
-    /// Could not be read or resolved; reported already.
+    /// A text that could not be read or resolved, which is already reported.
     Broken,
 }
 
@@ -71,23 +71,23 @@ pub(crate) struct ChartModel {
     pub(crate) chart: StateChart,
     /// The runs, each with the number of its state.
     pub(crate) runs: Vec<(usize, Expr)>,
-    /// Where each notice of the chart is first waited for.
+    /// The place where each notice of the chart is used first.
     pub(crate) notices: Vec<Span>,
-    /// Where each transition stands.
+    /// The place of each transition.
     pub(crate) places: Vec<Span>,
-    /// The trigger and the condition of each transition, as the text writes them.
+    /// The trigger and the condition of each transition in the words of the text.
     pub(crate) labels: Vec<String>,
-    /// The expression of each run, as the text writes it.
+    /// The expression of each run in the words of the text.
     pub(crate) run_labels: Vec<String>,
-    /// Its ports for messages.
+    /// The message ports of the activity.
     pub(crate) ports: Vec<Port>,
-    /// Its normal ends, when they have names.
+    /// The normal ends of the activity, if they have names.
     pub(crate) outcomes: Vec<Outcome>,
 }
 
 impl ChartModel {
-    /// The way from the activity to the run of a state, through the states around it. The run of a state and its inner
-    /// states are beside each other, and its inner states are beside each other if it is parallel.
+    /// Returns the path from the activity to the run of a state, through the states around it. The run of a state and the inner states are
+    /// parallel. The inner states are also parallel to each other if the state is parallel.
     fn way_to(&self, state: usize) -> Path {
         let states = &self.chart.chart.states;
         let mut way: Path = vec![(0, true)];
@@ -100,35 +100,36 @@ impl ChartModel {
     }
 }
 
-/// The operands that lead from the root of an expression to a place in it: which, and whether it runs beside the others.
+/// The path from the root of an expression to a place in it: for each operator, the index of the operand, and whether it runs in parallel
+/// to others.
 pub(crate) type Path = Vec<(usize, bool)>;
 
-/// Whether two places run in parallel: the first operator that joins them decides. Nothing if there is none, since
-/// they are one place, or one lies in the other.
+/// Returns whether two places run in parallel. The innermost operator that joins them decides. Returns none if no operator joins them,
+/// because they are the same place, or one is inside the other.
 pub(crate) fn are_parallel(one: &Path, other: &Path) -> Option<bool> {
     std::iter::zip(one, other).find(|((a, _), (b, _))| a != b).map(|((_, is_parallel), _)| *is_parallel)
 }
 
-/// One way on in a `match`.
+/// One arm of a `match`.
 #[derive(Debug)]
 pub(crate) struct Arm {
-    /// `else` has no tag.
+    /// The tag. An `else` arm has none.
     pub(crate) tag: Option<Name>,
     pub(crate) body: Expr,
 }
 
-/// One way on in an `else match`.
+/// One arm of an `else match`.
 #[derive(Debug)]
 pub(crate) struct CatchArm {
-    /// `else` has none.
+    /// The failure. An `else` arm has none.
     pub(crate) failure: Option<Failure>,
-    /// Where its cause or text stands.
+    /// The place of its cause or text.
     pub(crate) span: Span,
     pub(crate) body: Expr,
 }
 
 impl Expr {
-    /// Whether its direct parts run in parallel.
+    /// Returns whether the direct parts of the expression run in parallel.
     pub(crate) fn is_parallel(&self) -> bool {
         match self.kind {
             ExprKind::Concurrent(_)
@@ -161,7 +162,7 @@ impl Expr {
         }
     }
 
-    /// The way to one of its direct parts.
+    /// Returns the path to one of the direct parts.
     pub(crate) fn way_to(&self, index: usize) -> Path {
         if let ExprKind::Chart(model) = &self.kind {
             return model.runs.get(index).map(|(state, _)| model.way_to(*state)).unwrap_or_default();
@@ -169,12 +170,13 @@ impl Expr {
         vec![(index, self.is_parallel())]
     }
 
-    /// Whether two of its direct parts can run at the same time.
+    /// Returns whether two of the direct parts can run at the same time.
     pub(crate) fn runs_together(&self, one: usize, other: usize) -> bool {
         are_parallel(&self.way_to(one), &self.way_to(other)).unwrap_or(false)
     }
 
-    /// The direct parts that begin together with the expression, with its start value. An arm of a `match` gets a part of the value.
+    /// Returns the direct parts that begin together with the expression, with the same start value. An arm of a `match` is left out,
+    /// because it gets only a part of the value.
     pub(crate) fn first_parts(&self) -> Vec<&Self> {
         match &self.kind {
             ExprKind::Concurrent(parts)
@@ -207,7 +209,7 @@ impl Expr {
         }
     }
 
-    /// The direct parts, left to right.
+    /// Returns the direct parts, from left to right.
     pub(crate) fn parts(&self) -> Vec<&Self> {
         match &self.kind {
             ExprKind::Concurrent(parts)

@@ -1,10 +1,11 @@
-//! Types in their written form, and their shapes.
+//! The types in a text, and their shapes.
 //!
-//! Messages are compared by name, since programs that were built separately agree on nothing else. Their contents are
-//! only compared if both ends declare them. A record that is written out has no name. Values are compared with the
+//! Messages are compared by the names of their types, because programs that were built separately agree on nothing
+//! else. Their contents are compared only if both ends declare them. A record without a name is compared by its fields.
+//! Values are compared with the
 //! shape of the type.
 //!
-//! A name has the meaning of its own text's declaration, else of the spec's: programs know nothing of each other's
+//! A name means the type of that name in its own text, otherwise in the spec, because programs do not know each other's
 //! types.
 
 use super::{Param, Process, Spec, Value, ValueKind};
@@ -13,51 +14,51 @@ use crate::source::{Origin, Span};
 use crate::syntax::ast::Name;
 use std::fmt;
 
-/// The most fields of a record, with those of the records in it.
+/// The largest number of fields of a record, together with the fields of its inner records.
 pub(crate) const FIELDS_MAX: usize = 1000;
 
-/// A type in its written form.
+/// A type in a text.
 #[derive(Clone, Debug)]
 pub(crate) struct Kind {
-    /// Without white space: `Wrench`, `Force[3]`, `{force:Force}`.
+    /// The text without white space: `Wrench`, `Force[3]`, `{force:Force}`.
     pub(crate) text: String,
     pub(crate) span: Span,
-    /// The fields of a record that is written out.
+    /// The fields, if the type is a record without a name.
     pub(crate) fields: Option<Vec<Param>>,
 }
 
-/// `type Grasp = { force: Force };`
+/// The declaration `type Grasp = { force: Force };`.
 #[derive(Debug)]
 pub(crate) struct NamedType {
     pub(crate) name: Name,
-    /// The text of its doc comments.
+    /// The text of the doc comments of the type.
     pub(crate) doc: String,
     pub(crate) kind: Kind,
-    /// Whether the spec declares it, or a file that it uses; not a program.
+    /// Whether the spec or one of its files declares the type. It is `false` for types of programs.
     pub(crate) is_own: bool,
 }
 
-/// How two types compare.
+/// The result of comparing two types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TypeMatch {
     Same,
     Different,
-    /// These named types are called the same, and are not.
+    /// These two named types have the same name, but are different types.
     OnlyByName(usize, usize),
 }
 
-/// The structure of a type, with names replaced by their declarations.
+/// The structure of a type. Declarations replace the names in it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape<'a> {
     Record(&'a [Param]),
-    /// The type of the elements, and their number; none for any number.
+    /// The type of the elements, and their number. Without a number, the list may have any length.
     List(&'a str, Option<usize>),
-    /// A type of the language, or a message of programs.
+    /// A type of the language, or a message type of programs.
     Plain(&'a str),
 }
 
 impl Param {
-    /// An element of a list that is a parameter or a field.
+    /// Returns an element of a list, in the form of a parameter. `self` is the list.
     pub(crate) fn element(&self, kind: &str) -> Self {
         let kind = self.kind.as_ref().map(|list| Kind { text: kind.to_owned(), span: list.span, fields: None });
         Self { kind, range: self.range.clone(), default: None, name: self.name.clone() }
@@ -65,7 +66,7 @@ impl Param {
 }
 
 impl Kind {
-    /// The name in a type: `Force` of `Force[3]`. Nothing for a record that is written out.
+    /// Returns the name in a type: `Force` of `Force[3]`. A record without a name has none.
     pub(crate) fn name(&self) -> Option<&str> {
         self.fields.is_none().then(|| self.text.split('[').next().unwrap_or_default())
     }
@@ -79,7 +80,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// `name: Type in range = value`
+/// Writes `name: Type in range = value`.
 impl fmt::Display for Param {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.name.text)?;
@@ -96,7 +97,7 @@ impl fmt::Display for Param {
     }
 }
 
-/// In SI units; a record in its written form.
+/// Writes the value in SI units. A record has the form that a spec writes.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.kind {
@@ -119,7 +120,7 @@ impl fmt::Display for Value {
 }
 
 impl Spec {
-    /// The named type that a name means in a text.
+    /// Returns the named type that a name means in this text.
     pub(crate) fn named(&self, name: &str, user: Origin) -> Option<usize> {
         let all = self.type_names.get(name)?;
         let find = |fits: &dyn Fn(&NamedType) -> bool| all.iter().copied().find(|&named| fits(&self.types[named]));
@@ -127,10 +128,10 @@ impl Spec {
         own.or_else(|| all.first().copied())
     }
 
-    /// Follows the names of a type to the type that is not an alias.
+    /// Follows the names of a type to a type that is not an alias.
     fn last<'a>(&'a self, kind: &'a Kind) -> &'a Kind {
         let mut kind = kind;
-        // No way is longer than the number of names; a cycle is reported.
+        // No path is longer than the number of names. A cycle is reported elsewhere.
         for _ in 0..self.types.len() {
             match self.named(&kind.text, kind.span.origin).map(|named| &self.types[named].kind) {
                 Some(next) if next.fields.is_none() => kind = next,
@@ -164,7 +165,7 @@ impl Spec {
         }
     }
 
-    /// Whether values of two types are sent in the same way; defaults do not matter for that.
+    /// Returns whether values of two types are sent in the same way. Defaults do not matter for this.
     pub(crate) fn is_same(&self, one: &Kind, other: &Kind) -> bool {
         let (one, other) = (self.last(one), self.last(other));
         match (&one.fields, &other.fields) {
@@ -180,13 +181,13 @@ impl Spec {
         }
     }
 
-    /// Whether two fields have the same name and the same type.
+    /// Returns whether two fields have the same name and the same type.
     pub(crate) fn is_same_field(&self, one: &Param, other: &Param) -> bool {
         let kinds = one.kind.as_ref().zip(other.kind.as_ref());
         one.name.text == other.name.text && kinds.is_some_and(|(one, other)| self.is_same(one, other))
     }
 
-    /// Whether a parameter or field may be left out: it has a default, or all of its fields have one.
+    /// Returns whether a parameter or field may be left out, because it has a default, or all of its fields have one.
     pub(crate) fn is_optional(&self, param: &Param) -> bool {
         let shape = param.kind.as_ref().map(|kind| self.shape(kind));
         let has_all =
@@ -194,7 +195,7 @@ impl Spec {
         param.default.is_some() || shape.is_some_and(has_all)
     }
 
-    /// Every type that is written somewhere.
+    /// Returns all types that the text contains anywhere.
     pub(crate) fn kinds(&self) -> Vec<&Kind> {
         fn of_params(params: &[Param]) -> impl Iterator<Item = &Kind> {
             params.iter().filter_map(|param| param.kind.as_ref())
@@ -220,7 +221,7 @@ impl Spec {
         kinds
     }
 
-    /// Every field of every record type.
+    /// Returns all fields of all record types.
     pub(crate) fn fields(&self) -> impl Iterator<Item = &Param> {
         self.kinds().into_iter().flat_map(|kind| kind.fields.as_deref().unwrap_or_default())
     }

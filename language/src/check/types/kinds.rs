@@ -12,15 +12,15 @@ use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit;
 
-/// The most fields of one level that a message shows.
+/// The largest number of fields of one record that a message shows.
 const SHOWN_MAX: usize = 8;
 
-/// Values in one scope, while they are compared with types.
+/// Compares the values in one scope with types.
 pub(super) struct TypeChecker<'a> {
     pub(super) spec: &'a Spec,
     /// The parameters that a value may name.
     pub(super) outer: &'a [Param],
-    /// The field that each name in a record means.
+    /// The field that each name in a record refers to.
     pub(super) uses: &'a mut Vec<(Span, Span)>,
     pub(super) diagnostics: &'a mut Diagnostics,
 }
@@ -40,7 +40,8 @@ impl TypeChecker<'_> {
         }
     }
 
-    /// Compares an end of a range with the parameter or field that it is for; of a list, with its elements.
+    /// Compares an end of a range with its parameter or field. If this is a list, the end is compared with its
+    /// elements.
     pub(super) fn bound(&mut self, param: &Param, value: &Value) {
         let element = match param.kind.as_ref().map(|kind| self.spec.shape(kind)) {
             Some(Shape::List(element, _)) => param.element(element),
@@ -49,7 +50,7 @@ impl TypeChecker<'_> {
         self.value(&Param { range: None, ..element }, value);
     }
 
-    /// Compares a value with the parameter or field that it is for.
+    /// Compares a value with its parameter or field.
     pub(super) fn value(&mut self, param: &Param, value: &Value) {
         let before = self.diagnostics.count();
         self.kind(param, value);
@@ -82,7 +83,7 @@ impl TypeChecker<'_> {
         self.wrong(param, span, format!("`{name}` is of type {kind}: expected {what} such as `{example}`"));
     }
 
-    /// The values of a list: as many as its type requires, each of its type.
+    /// Checks the values of a list: their number, and the type of each.
     fn list(&mut self, param: &Param, element: &str, count: Option<usize>, given: &[Value], span: Span) {
         if let Some(count) = count.filter(|&count| count != given.len()) {
             let message = format!("`{}` has {count} values of type {element}, not {}", param.name.text, given.len());
@@ -93,7 +94,7 @@ impl TypeChecker<'_> {
         given.iter().for_each(|value| self.value(&element, value));
     }
 
-    /// A value of a type of the language; an unknown type accepts any value.
+    /// Checks a value of a type of the language. An unknown type accepts any value.
     fn plain(&mut self, param: &Param, kind: &str, value: &Value) {
         let name = &param.name.text;
         if unit::of_type(kind).is_some() {
@@ -127,7 +128,7 @@ impl TypeChecker<'_> {
         }
     }
 
-    /// A parameter of the group around that is handed on.
+    /// Checks a parameter of the surrounding group that is passed on.
     fn handed_on(&mut self, param: &Param, kind: &Kind, index: usize, span: Span) {
         let Some(outer) = self.outer.get(index) else { return };
         let Some(given) = &outer.kind else { return };
@@ -139,7 +140,7 @@ impl TypeChecker<'_> {
             },
             (Shape::List(..), Shape::List(..)) => self.spec.is_same(kind, given),
             (Shape::Record(_), Shape::List(..)) | (Shape::List(..), Shape::Record(_)) => false,
-            // An unknown type may be one of a program.
+            // An unknown type may be a type of a program.
             (Shape::Record(_) | Shape::List(..), Shape::Plain(name))
             | (Shape::Plain(name), Shape::Record(_) | Shape::List(..)) => !unit::is_type(name),
         };
@@ -153,13 +154,13 @@ impl TypeChecker<'_> {
         }
     }
 
-    /// Whether a record of one type is also one of another: the same fields, in any order.
+    /// Returns whether two record types have the same fields, in any order.
     fn fits(&self, one: &[Param], other: &[Param]) -> bool {
         let has = |field: &Param| other.iter().any(|other| self.spec.is_same_field(field, other));
         one.len() == other.len() && one.iter().all(has)
     }
 
-    /// The values of a record: every field once, each of its type.
+    /// Checks the values of a record: every field occurs once, with a value of its type.
     fn record(&mut self, kind: &Kind, fields: &[Param], given: &[(Name, Value)], span: Span) {
         let mut is_known = true;
         for (name, value) in given {
@@ -175,7 +176,7 @@ impl TypeChecker<'_> {
             given.iter().all(|(name, _)| name.text != field.name.text) && !self.spec.is_optional(field)
         };
         let missing: Vec<&Param> = fields.iter().filter(is_missing).collect();
-        // A misspelt field is one cause.
+        // A misspelt field already explains a missing field.
         let (Some(first), true) = (missing.first(), is_known) else { return };
         let message =
             format!("{kind} lacks {}", listed(missing.iter().take(SHOWN_MAX).map(|field| field.name.text.as_str())));
@@ -189,7 +190,7 @@ impl TypeChecker<'_> {
         self.diagnostics.push(diagnostic.reason(param.name.span, "declared here"));
     }
 
-    /// A value that a type could have, as text.
+    /// Returns an example of a value of this type, as text.
     fn example(&self, kind: &Kind) -> String {
         match self.spec.shape(kind) {
             Shape::Record(fields) => {

@@ -10,7 +10,7 @@ use crate::unit;
 use ros::logic::library;
 use ros::logic::name::is_spec_name;
 
-/// Checks the named types. An endless or too large type is reported and treated as unknown.
+/// Checks the named types. A type that contains itself or is too large is reported, and treated as unknown.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let parts = spec.types.iter().map(|named| Part::all(spec, &named.kind)).collect();
     let mut walk =
@@ -25,7 +25,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     spec.type_names.retain(|_, all| !all.is_empty());
 }
 
-/// A named type in another one, and its place there.
+/// The use of a named type in another type, with its place.
 struct Part {
     named: usize,
     span: Span,
@@ -53,25 +53,25 @@ struct Size {
 #[derive(Clone, Copy)]
 enum State {
     New,
-    /// On the path from the start of the walk.
+    /// The type is on the path from the start of the walk.
     Open,
     Closed(Size),
-    /// The value is wrong, and there is a diagnostic.
+    /// The type has an error, which is reported.
     Refused,
 }
 
 struct Walk<'a> {
     types: &'a [NamedType],
-    /// Of each type, the others in it.
+    /// For each type, the named types in it.
     parts: Vec<Vec<Part>>,
     states: Vec<State>,
-    /// The types from the start of the walk, each with how many of its parts have been visited.
+    /// The types on the path from the start of the walk. Each has the number of its parts that were visited.
     path: Vec<(usize, usize)>,
     diagnostics: &'a mut Diagnostics,
 }
 
 impl Walk<'_> {
-    /// Walks depth first, without recursion: the depth of the input is not known yet.
+    /// Walks depth first. It uses no recursion, because the depth of the input is not known yet.
     fn visit(&mut self, start: usize) {
         if !matches!(self.states[start], State::New) {
             return;
@@ -125,14 +125,14 @@ impl Walk<'_> {
         };
     }
 
-    /// Reports that a type is reached again from itself, once for all types on the way.
+    /// Reports a type that contains itself. All types on the way get one report together.
     fn refuse_circle(&mut self, named: usize) {
         let start = self.path.iter().position(|(other, _)| *other == named).unwrap_or_default();
         let circle: Vec<(usize, usize)> = self.path[start..].to_vec();
         let name = |named: usize| self.types[named].name.text.as_str();
         let mut names: Vec<&str> = circle.iter().map(|(named, _)| name(*named)).collect();
         names.push(name(named));
-        // A part counts from one past the one it went through.
+        // The number of visited parts includes the current part.
         let step = |(named, next): &(usize, usize)| self.parts[*named][next - 1].span;
         let Some((last, others)) = circle.split_last() else { return };
         let message = format!("`{}` contains itself: {}", name(named), names.join(" -> "));
@@ -147,7 +147,7 @@ impl Walk<'_> {
     }
 }
 
-/// The fields and the levels that a type writes out itself.
+/// Returns the fields and levels of a type, without the content of named types in it.
 fn own_size(kind: &Kind) -> Size {
     let fields = kind.fields.iter().flatten();
     let inner = fields.map(|field| field.kind.as_ref().map_or(Size { fields: 0, depth: 0 }, own_size));
@@ -157,7 +157,7 @@ fn own_size(kind: &Kind) -> Size {
     })
 }
 
-/// Reports unknown types of parameters and fields whose names are similar to a known one.
+/// Reports unknown types of parameters and fields if their names are similar to a known name.
 fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
     let modules = spec.modules.iter().flat_map(Module::declared);
     let params = spec.processes.iter().flat_map(|process| &process.params).chain(modules);
@@ -175,7 +175,7 @@ fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// Reports types of ROS 2 that are none of the standard ones. Any port, parameter or field may have one.
+/// Reports types of ROS 2 that are not standard types. Any port, parameter or field may have a type of ROS 2.
 fn report_ros(spec: &Spec, diagnostics: &mut Diagnostics) {
     let modules = spec.modules.iter();
     let ports = modules.clone().flat_map(|module| &module.ports);

@@ -5,7 +5,7 @@ use crate::check::spec::{Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{DEPTH_MAX, LEAVES_MAX};
 
-/// Returns whether the plan is finite and within its limits; reports each recursion once.
+/// Returns whether the plan is finite and within its limits. Reports each recursion once.
 pub(crate) fn is_finite(spec: &Spec, root: Option<usize>, diagnostics: &mut Diagnostics) -> bool {
     let count = spec.processes.len();
     let mut walk = Walk { spec, states: vec![State::New; count], path: Vec::new(), found: Vec::new() };
@@ -33,22 +33,22 @@ pub(crate) fn is_finite(spec: &Spec, root: Option<usize>, diagnostics: &mut Diag
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     New,
-    /// On the path from the start of the walk.
+    /// The group is on the path from the start of the walk.
     Open,
-    /// All groups below are known; this many levels are.
+    /// All groups below this group are known. The number is how many levels they are.
     Closed(usize),
 }
 
 struct Walk<'a> {
     spec: &'a Spec,
     states: Vec<State>,
-    /// The groups from the start of the walk, each with its next slot.
+    /// The groups on the path from the start of the walk, each with its next slot.
     path: Vec<(usize, usize)>,
     found: Vec<Diagnostic>,
 }
 
 impl Walk<'_> {
-    /// Walks depth first, without recursion: the depth of the input is not known yet.
+    /// Walks depth first. It uses no recursion, because the depth of the input is not known yet.
     fn visit(&mut self, start: usize) {
         if self.states[start] != State::New {
             return;
@@ -98,7 +98,7 @@ impl Walk<'_> {
         let name = |process: usize| self.spec.processes[process].name.text.as_str();
         let mut path: Vec<&str> = cycle.iter().map(|&(process, _)| name(process)).collect();
         path.push(name(target));
-        // A slot counts from one past the instance it went through.
+        // The next slot is one past the instance on the path.
         let step = |&(process, next): &(usize, usize)| &self.spec.processes[process].instances[next - 1];
         let Some((last, others)) = cycle.split_last() else { return };
         let instance = step(last);
@@ -112,7 +112,7 @@ impl Walk<'_> {
     }
 }
 
-/// The number of leaves and groups in one instance of each process.
+/// Returns the number of leaves and groups in one instance of each process.
 fn sizes(spec: &Spec, states: &[State]) -> Vec<u64> {
     let levels = |process: &usize| match states[*process] {
         State::Closed(levels) => levels,

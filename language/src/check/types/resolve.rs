@@ -6,7 +6,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 
-/// Sets the target of every instance. Groups that the file defines win over modules.
+/// Sets the target of every instance. Groups in the text have precedence over modules.
 pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let mut unknown: BTreeMap<&str, Vec<(usize, &Name)>> = BTreeMap::new();
     let mut types = Types::new(spec);
@@ -18,7 +18,7 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Diagnostics) {
             let target = reading.or_else(|| instance.kind.as_ref().map(find));
             if let (Some(Target::Unknown), Some(kind)) = (target, &instance.kind) {
                 let places = unknown.entry(&kind.text).or_default();
-                // The instances of an array are declared in one place.
+                // All instances of an array are declared in one place.
                 if places.last().is_none_or(|(_, last)| last.span != kind.span) {
                     places.push((index, kind));
                 }
@@ -36,16 +36,17 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     }
 }
 
-/// A type's name, and its target.
+/// The name of a type, with its target.
 type Candidate<'a> = (&'a Name, Target);
 
 struct Types<'a> {
     spec: &'a Spec,
     /// All types by their names in small letters.
     lowered: BTreeMap<String, Vec<Candidate<'a>>>,
-    /// All types by the first letters of their words: an abbreviation has the same. Each with its words.
+    /// All types, by the first letters of their words, because an abbreviation has the same first letters. Each comes
+    /// with its words.
     initials: BTreeMap<String, Vec<(Vec<String>, Candidate<'a>)>>,
-    /// The candidates of each lenient step for names that were looked up before.
+    /// The candidates of each lenient step, for names that were already looked up.
     known: BTreeMap<&'a str, [Vec<Candidate<'a>>; 2]>,
 }
 
@@ -63,7 +64,8 @@ impl<'a> Types<'a> {
         Self { spec, lowered, initials: first, known: BTreeMap::new() }
     }
 
-    /// The types that equal `kind` but for case, and those that abbreviate it or that it abbreviates.
+    /// Returns two lists: types whose name differs from `kind` only in case, and types whose name or `kind` abbreviates
+    /// the other.
     fn candidates(&self, kind: &str, diagnostics: &mut Diagnostics) -> [Vec<Candidate<'a>>; 2] {
         let same_but_case = self.lowered.get(&kind.to_lowercase()).cloned().unwrap_or_default();
         let own = words(kind);
@@ -86,14 +88,15 @@ impl<'a> Types<'a> {
             self.known.insert(&kind.text, candidates);
         }
         for step in &self.known[kind.text.as_str()] {
-            // A lenient name never refers to the group that it stands in: that would be an unintended recursion.
+            // A lenient name never refers to the group in which it is used, because this would be an unintended
+            // recursion.
             let mut found = step.iter().filter(|(_, target)| *target != Target::Process(enclosing));
             if let (Some((name, target)), None) = (found.next(), found.next()) {
                 let message = format!("no type is called exactly `{}`", kind.text);
                 let diagnostic = Diagnostic::new(Code::W0204, kind.span, message);
                 let diagnostic =
                     diagnostic.label(format!("read as `{}`", name.text)).reason(name.span, "declared here");
-                // `Armc2)` is not a long form of `Arm`: a bracket is missing.
+                // A long form is only offered: `Armc2)` is not a long form of `Arm`, but lacks a bracket.
                 diagnostics.push(match kind.text.len() > name.text.len() {
                     true => diagnostic.choose(kind.span, &name.text),
                     false => diagnostic.replace(kind.span, &name.text),
@@ -105,7 +108,7 @@ impl<'a> Types<'a> {
     }
 }
 
-/// One report for all instances of a type.
+/// Makes one diagnostic for all instances of a type.
 fn no_interface(spec: &Spec, names: &[(usize, &Name)], diagnostics: &mut Diagnostics) -> Option<Diagnostic> {
     let ((enclosing, first), others) = names.split_first()?;
     let message = format!("no interface of `{}` is known: its ports and arguments are not checked", first.text);
@@ -124,19 +127,19 @@ fn no_interface(spec: &Spec, names: &[(usize, &Name)], diagnostics: &mut Diagnos
     Some(diagnostic)
 }
 
-/// Whether both names have the same number of words and each word of one starts the word of the other:
+/// Returns whether both names have the same number of words, and each word of one is the start of the other's word:
 /// `DistDetector` and `DistanceDetector`.
 fn is_abbreviation(one: &[String], other: &[String]) -> bool {
     let is_short = |(a, b): (&String, &String)| a.starts_with(b.as_str()) || b.starts_with(a.as_str());
     one.len() == other.len() && std::iter::zip(one, other).all(is_short)
 }
 
-/// The first letters of words.
+/// Returns the first letters of words.
 fn initials(words: &[String]) -> String {
     words.iter().filter_map(|word| word.chars().next()).collect()
 }
 
-/// The words of a name in camel case or with `_`, in small letters.
+/// Returns the words of a name in camel case or with `_`, in small letters.
 fn words(name: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut is_start = true;

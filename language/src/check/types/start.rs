@@ -1,4 +1,4 @@
-//! Checks the values that expressions start with: `goto with { x = 2 m }`.
+//! Checks start values of expressions: `goto with { x = 2 m }`.
 
 use super::kinds::TypeChecker;
 use crate::check::diagnostics::Diagnostics;
@@ -8,7 +8,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use crate::unit;
 
-/// Compares each start value with the interface of the programs that get it. Groups nest finitely here.
+/// Compares each start value with the interfaces of the programs that get it. At this point, no group contains itself.
 pub(in crate::check) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let mut uses = std::mem::take(&mut spec.field_uses);
     for process in spec.processes.iter().filter(|process| !process.damage.actions) {
@@ -19,15 +19,15 @@ pub(in crate::check) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     spec.field_uses = uses;
 }
 
-/// A program that gets a start value.
+/// A program that may get a start value.
 pub(in crate::check) enum Taker<'a> {
-    /// Its interface is known.
+    /// A program with a known interface.
     Module(&'a Module),
-    /// Its interface is not known, so it may take any value.
+    /// A program with an unknown interface, which may take any value.
     Unknown,
 }
 
-/// Returns the programs that start with the value that an expression starts with.
+/// Returns the programs that get the start value of an expression.
 pub(in crate::check) fn takers<'a>(spec: &'a Spec, process: &'a Process, expr: &'a Expr) -> Vec<Taker<'a>> {
     let ExprKind::Run(slot, _) = &expr.kind else {
         return expr.first_parts().into_iter().flat_map(|part| takers(spec, process, part)).collect();
@@ -42,7 +42,7 @@ pub(in crate::check) fn takers<'a>(spec: &'a Spec, process: &'a Process, expr: &
     }
 }
 
-/// Returns the declared start values among some programs, each with its module.
+/// Returns the start values that these programs declare, each with its module.
 pub(in crate::check) fn declared<'a>(takers: &[Taker<'a>]) -> Vec<(&'a Module, &'a Param)> {
     let declared = takers.iter().filter_map(|taker| match taker {
         Taker::Module(module) => module.start.as_ref().map(|start| (*module, start)),
@@ -54,7 +54,7 @@ pub(in crate::check) fn declared<'a>(takers: &[Taker<'a>]) -> Vec<(&'a Module, &
 struct StartCheck<'a> {
     spec: &'a Spec,
     process: &'a Process,
-    /// The field that each name in a record means.
+    /// The field that each name in a record refers to.
     uses: &'a mut Vec<(Span, Span)>,
     diagnostics: &'a mut Diagnostics,
 }
@@ -108,7 +108,7 @@ impl StartCheck<'_> {
     }
 }
 
-/// The value that an expression gives to all that it starts first.
+/// Returns the place of the value that an expression gives to the first part that it starts.
 fn given(expr: &Expr) -> Option<Span> {
     if let ExprKind::With(start, _) = &expr.kind {
         return Some(match start {
@@ -128,7 +128,7 @@ fn twice(before: &Expr, value: Span) -> Diagnostic {
     found.reason(before.span, "the value of this one is lost").help("write `;` instead of `:` if it leaves no value")
 }
 
-/// Nothing that the expression starts takes a value.
+/// Makes the diagnostic for a start value if no program that the expression starts takes one.
 fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
     let mut names: Vec<&str> = takers
         .iter()
@@ -153,7 +153,7 @@ fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
     }
 }
 
-/// The first type in a type whose values a spec cannot write: no text says which values they are.
+/// Returns the first part of a type whose values a spec cannot write, because no text declares these values.
 fn unwritten(spec: &Spec, kind: &Kind) -> Option<String> {
     match spec.shape(kind) {
         Shape::Record(fields) => fields.iter().find_map(|field| unwritten(spec, field.kind.as_ref()?)),
@@ -162,7 +162,7 @@ fn unwritten(spec: &Spec, kind: &Kind) -> Option<String> {
     }
 }
 
-/// Whether a spec can write the values of a type of the language.
+/// Returns whether a spec can write the values of this type.
 fn is_written(name: &str) -> bool {
     ["Number", "Text", "Truth", "Host"].contains(&name) || unit::of_type(name).is_some()
 }

@@ -13,24 +13,24 @@ use crate::unit;
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Analysis {
-    /// The process around the cursor, if it could be read.
+    /// Returns the process around the cursor, if it could be read.
     fn process_at(&self, at: &Cursor) -> Option<&Process> {
         let title = at.inside(SyntaxKind::Process)?.title()?;
         self.model.processes.iter().find(|process| process.name.span == title.span)
     }
 
-    /// The instance of the process around that is written so.
+    /// Returns the instance with this name in the process around the cursor.
     fn instance_at(&self, at: &Cursor, name: &str) -> Option<&Instance> {
         let mut instances = self.process_at(at)?.instances.iter();
         instances.find(|instance| instance.name.text == name || self.text(instance.name.span) == name)
     }
 
-    /// The instances of the process around.
+    /// Returns the instances of the process around the cursor.
     pub(super) fn instances(&self, at: &Cursor) -> Vec<Completion> {
         self.process_at(at).map(|process| self.members_of(process)).unwrap_or_default()
     }
 
-    /// The instances of a process.
+    /// Returns the instances of a process.
     pub(super) fn members_of(&self, process: &Process) -> Vec<Completion> {
         let mut seen = BTreeSet::new();
         let instances = process.instances.iter().filter(|instance| seen.insert(instance.name.span));
@@ -54,7 +54,7 @@ impl Analysis {
         }
     }
 
-    /// The types that an instance can have; not the process itself.
+    /// Returns the types that an instance can have, without the process itself.
     pub(super) fn instance_types(&self, at: &Cursor) -> Vec<Completion> {
         let own = self.process_at(at).map(|process| process.name.span);
         let is_other = |process: &&Process| Some(process.name.span) != own && process.name.text != "main";
@@ -81,7 +81,7 @@ impl Analysis {
         processes.chain(modules).collect()
     }
 
-    /// The types of messages that some port has, and that no text declares.
+    /// Returns the message types of ports that no text declares.
     pub(super) fn message_types(&self) -> Vec<Completion> {
         let ports = self.model.modules.iter().flat_map(|module| &module.ports);
         let kinds = ports.filter_map(|port| port.kind.as_ref()).filter(|kind| kind.fields.is_none());
@@ -90,7 +90,7 @@ impl Analysis {
         known.into_iter().map(|name| Completion::new(CompletionKind::Type, name)).collect()
     }
 
-    /// The ports of an instance that fit the side of the arrow.
+    /// Returns the ports of an instance that fit this side of the arrow.
     pub(super) fn ports_of(&self, at: &Cursor, name: &str) -> Vec<Completion> {
         let Some(instance) = self.instance_at(at, name) else { return Vec::new() };
         let wanted = direction(at);
@@ -116,7 +116,7 @@ impl Analysis {
         }
     }
 
-    /// The labels of the instance before the bracket.
+    /// Returns the labels of the instance before the bracket.
     pub(super) fn labels_of(&self, at: &Cursor) -> Vec<Completion> {
         let name = at.grand.as_ref().and_then(|run| run.names().next());
         let (Some(process), Some(name)) = (self.process_at(at), name) else { return Vec::new() };
@@ -152,7 +152,7 @@ impl Analysis {
         found
     }
 
-    /// The units, those first that the parameter measures.
+    /// Returns the units. Units that fit the parameter come first.
     fn units(&self, at: &Cursor) -> Vec<Completion> {
         let is_limit = at.inside(SyntaxKind::Arg).is_none() && at.inside(SyntaxKind::Actions).is_some();
         let kind = self.expected(at).and_then(|param| param.kind.as_ref()).map(|kind| self.model.shape(kind));
@@ -176,7 +176,7 @@ impl Analysis {
         found
     }
 
-    /// The parameter that the argument around the cursor is for.
+    /// Returns the parameter for the argument around the cursor.
     pub(super) fn param_at(&self, at: &Cursor) -> Option<&Param> {
         let (arg, args) = (at.inside(SyntaxKind::Arg)?, at.inside(SyntaxKind::Args)?);
         let (params, is_module) = self.params_at(at)?;
@@ -188,7 +188,7 @@ impl Analysis {
         params.get(place.checked_sub(usize::from(is_module))?)
     }
 
-    /// The parameters of the instance around the cursor, and whether a host comes before them.
+    /// Returns the parameters of the instance around the cursor, and whether a host comes before them.
     fn params_at(&self, at: &Cursor) -> Option<(&[Param], bool)> {
         let node: &Node = at.inside(SyntaxKind::Instance)?;
         let mut instances = self.process_at(at)?.instances.iter();
@@ -200,7 +200,7 @@ impl Analysis {
         }
     }
 
-    /// The names of arguments that are not given yet: `force = `.
+    /// Returns the names of arguments that are missing: `force = `.
     fn argument_names(&self, at: &Cursor) -> Vec<Completion> {
         let (Some((params, _)), Some(args)) = (self.params_at(at), at.inside(SyntaxKind::Args)) else {
             return Vec::new();
@@ -220,7 +220,7 @@ impl Analysis {
         open.map(offer).collect()
     }
 
-    /// Parameters of the process around, named constants, and hosts where one is expected.
+    /// Returns the parameters of the process around the cursor, named constants, and hosts if they are possible.
     pub(super) fn values(&self, at: &Cursor, with_hosts: bool) -> Vec<Completion> {
         let params = self.process_at(at).map_or(&[][..], |process| &process.params);
         let mut found: Vec<Completion> = params
@@ -235,7 +235,7 @@ impl Analysis {
         found
     }
 
-    /// Words that name a host somewhere: in `host{}`, or as the first argument of an instance.
+    /// Returns the words that name a host anywhere: in `host{}`, or as the first argument of an instance.
     pub(super) fn hosts(&self) -> BTreeSet<&str> {
         let places = self.model.processes.iter().flat_map(|process| {
             let first = process.instances.iter().filter_map(|instance| instance.args.first());
@@ -258,7 +258,8 @@ impl Analysis {
         resources.iter().map(|name| Completion::new(CompletionKind::Parameter, &name.text).detail("resource")).collect()
     }
 
-    /// The outcomes that have no arm yet: those of the expression before the `match`, if it is known.
+    /// Returns the outcomes that have no arm yet. They are the outcomes of the expression before the `match`, if it is
+    /// known.
     pub(super) fn outcomes(&self, at: &Cursor) -> Vec<Completion> {
         let Some(node) = at.inside(SyntaxKind::Match) else { return Vec::new() };
         let given: BTreeSet<String> =
@@ -273,7 +274,7 @@ impl Analysis {
         offers
     }
 
-    /// The outcomes that may end a `repeat`, and do not yet.
+    /// Returns the outcomes that could be added to the `until` of a `repeat`.
     pub(super) fn ends_of_repeat(&self, at: &Cursor) -> Vec<Completion> {
         let given: BTreeSet<String> = at.parent.names().skip(1).map(|name| name.text).collect();
         let repeated = at.inside(SyntaxKind::Repeat).and_then(|repeat| repeat.children().next()?.names().next());
@@ -282,7 +283,7 @@ impl Analysis {
         offers
     }
 
-    /// The outcomes of a process of this name; of every module if it is not known.
+    /// Returns the outcomes of the process with this name. If it is unknown, returns the outcomes of all modules.
     fn outcomes_named(&self, at: &Cursor, process: Option<&Name>) -> Vec<Completion> {
         let source = process.and_then(|name| self.instance_at(at, &name.text)).map(|instance| instance.target);
         let declared = source.map(|source| self.model.outcomes_of(source)).unwrap_or_default();
@@ -301,7 +302,7 @@ impl Analysis {
         tags.into_iter().map(offer).collect()
     }
 
-    /// The named constants.
+    /// Returns the named constants.
     pub(super) fn consts(&self) -> Vec<Completion> {
         self.model
             .consts
@@ -316,7 +317,7 @@ impl Analysis {
             .collect()
     }
 
-    /// The devices that some module claims.
+    /// Returns the devices that modules claim.
     pub(super) fn claims(&self) -> Vec<Completion> {
         let claims = self.model.modules.iter().flat_map(|module| &module.claims);
         let known: BTreeSet<&str> = claims.map(|claim| claim.name.text.as_str()).collect();

@@ -11,15 +11,15 @@ use crate::syntax::{SyntaxKind, SyntaxToken};
 pub(super) struct Cursor {
     /// The node that the word belongs to.
     pub(super) parent: Node,
-    /// The node around that.
+    /// The node around the parent.
     pub(super) grand: Option<Node>,
     /// How many names of the same node precede it.
     pub(super) place: usize,
-    /// The text of the token before; empty at the beginning of the file.
+    /// The text of the previous token. It is empty at the beginning of the file.
     pub(super) before: String,
-    /// The kind of that token.
+    /// The kind of the previous token.
     before_kind: SyntaxKind,
-    /// All nodes around, the innermost first.
+    /// All nodes around the word, the innermost first.
     pub(super) around: Vec<Node>,
 }
 
@@ -42,35 +42,35 @@ impl Cursor {
         })
     }
 
-    /// Whether the node around the word's own is of a kind.
+    /// Returns whether the node around the parent is of this kind.
     pub(super) fn grand_is(&self, kind: SyntaxKind) -> bool {
         self.grand.as_ref().is_some_and(|grand| grand.kind() == kind)
     }
 
-    /// The nearest node of a kind around the word.
+    /// Returns the nearest node of this kind around the word.
     pub(super) fn inside(&self, kind: SyntaxKind) -> Option<&Node> {
         self.around.iter().find(|node| node.kind() == kind)
     }
 
-    /// Whether the word directly follows something that an operator would have to follow.
+    /// Returns whether the word directly follows an operand, so that an operator is missing between them.
     pub(super) fn follows_operand(&self) -> bool {
         let is_word = self.before_kind == SyntaxKind::Ident
             && !["else", "finally", "within", "as", "with", "of", "in", "repeat", "shield"]
                 .contains(&self.before.as_str());
         let ends = [SyntaxKind::RightParen, SyntaxKind::RightBracket, SyntaxKind::Question, SyntaxKind::Greater];
-        // The parentheses of these open an operand.
+        // The parentheses after these words are followed by an operand.
         let prefixes = [SyntaxKind::Retry, SyntaxKind::Using, SyntaxKind::Shield];
         let after_prefix = prefixes.iter().any(|&kind| self.grand_is(kind));
         (is_word || ends.contains(&self.before_kind)) && !after_prefix
     }
 
-    /// Whether the word directly follows a `repeat` that has no `until` yet.
+    /// Returns whether the word directly follows a `repeat` that has no `until` yet.
     pub(super) fn follows_repeat(&self) -> bool {
         let before = self.parent.syntax().prev_sibling().filter(|node| node.kind() == SyntaxKind::Repeat);
         before.is_some_and(|repeat| repeat.children().all(|part| part.kind() != SyntaxKind::Until))
     }
 
-    /// The causes of failures that have no arm yet.
+    /// Returns the causes of failures that have no arm yet.
     pub(super) fn causes(&self) -> Vec<Completion> {
         let Some(node) = self.inside(SyntaxKind::Match) else { return Vec::new() };
         let given: Vec<String> =
@@ -84,19 +84,19 @@ impl Cursor {
         open.map(|(word, _)| offer(word)).collect()
     }
 
-    /// Whether a statement begins with the word.
+    /// Returns whether the word begins a statement.
     pub(super) fn begins_statement(&self) -> bool {
         let starts = [SyntaxKind::LeftBrace, SyntaxKind::Semicolon, SyntaxKind::RightBrace];
         let joins = [SyntaxKind::Arrow, SyntaxKind::BackArrow, SyntaxKind::Equals];
         starts.contains(&self.before_kind) || joins.contains(&self.before_kind)
     }
 
-    /// The possible effects of a reboot.
+    /// Returns the words for the effect of a reboot.
     pub(super) fn on_boot(&self) -> Vec<Completion> {
         ["none", "resume"].into_iter().map(|word| Completion::new(CompletionKind::Keyword, word)).collect()
     }
 
-    /// The words that can follow in a policy.
+    /// Returns the words that can follow in a policy.
     pub(super) fn policy(&self) -> Vec<Completion> {
         let words: &[&str] = match self.before.as_str() {
             "restart" => &["temporary", "transient", "permanent"],
@@ -110,7 +110,7 @@ impl Cursor {
         words.iter().map(|word| Completion::new(CompletionKind::Keyword, *word)).collect()
     }
 
-    /// Words in places without names: items, sections, properties of a module.
+    /// Returns words for places without names: items, sections, properties of a module.
     pub(super) fn words(&self) -> Vec<Completion> {
         let begins = [SyntaxKind::LeftBrace, SyntaxKind::Semicolon, SyntaxKind::RightBrace, SyntaxKind::End];
         if self.before_kind == SyntaxKind::LeftParen && self.inside(SyntaxKind::Module).is_some() {
@@ -137,7 +137,7 @@ impl Cursor {
     }
 }
 
-/// The sections that a process lacks; it can have any number of connection sets.
+/// Returns the sections that a process lacks. There can be any number of connection sets.
 fn sections(process: &Node) -> Vec<Completion> {
     let mut offers = keywords(Place::Section);
     let is_there = |word: &str| {

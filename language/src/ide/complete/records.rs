@@ -9,14 +9,14 @@ use crate::syntax::ast::Node;
 use std::collections::BTreeSet;
 
 impl Analysis {
-    /// The types that are declared.
+    /// Returns the declared types.
     pub(super) fn named_types(&self) -> Vec<Completion> {
         let types = self.model.types.iter();
         let offer = |name: &str, detail: String| Completion::new(CompletionKind::Type, name).detail(detail);
         types.map(|named| offer(&named.name.text, named.kind.to_string()).documentation(&named.doc)).collect()
     }
 
-    /// The fields that the record around lacks: `force = `.
+    /// Returns the fields that the record around the cursor lacks: `force = `.
     pub(super) fn fields(&self, at: &Cursor) -> Vec<Completion> {
         let (Some(record), Some(param)) = (at.inside(SyntaxKind::Record), self.expected(at)) else { return Vec::new() };
         let given: BTreeSet<String> =
@@ -29,10 +29,10 @@ impl Analysis {
         open.map(offer).collect()
     }
 
-    /// The parameter or the field whose value the cursor is in.
+    /// Returns the parameter or field whose value is at the cursor.
     pub(super) fn expected(&self, at: &Cursor) -> Option<&Param> {
         let is_border = |node: &&Node| ![SyntaxKind::Arg, SyntaxKind::Param].contains(&node.kind());
-        // A name that is being written is no way into a record.
+        // The name of a field that is still being written does not lead into a record.
         let own = at.parent.kind() == SyntaxKind::Field;
         let around = at.around.iter().skip(usize::from(own)).take_while(is_border);
         let mut path: Vec<String> = around
@@ -47,7 +47,7 @@ impl Analysis {
         })
     }
 
-    /// The fields of a record, or of the records in a list.
+    /// Returns the fields of a record, or of the records in a list.
     fn fields_of<'a>(&'a self, kind: &'a Kind) -> Option<&'a [Param]> {
         match self.model.shape(kind) {
             Shape::Record(fields) => Some(fields),
@@ -59,7 +59,7 @@ impl Analysis {
         }
     }
 
-    /// The parameter or field that is declared around the cursor.
+    /// Returns the parameter or field that is declared around the cursor.
     fn declared_at(&self, at: &Cursor) -> Option<&Param> {
         let span = at.inside(SyntaxKind::Param)?.names().next()?.span;
         let processes = self.model.processes.iter().flat_map(|process| &process.params);

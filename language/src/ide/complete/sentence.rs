@@ -9,7 +9,7 @@ use crate::ide::words::{self, Place};
 use crate::syntax::SyntaxKind;
 
 impl Analysis {
-    /// The possible words at the cursor in a sentence.
+    /// Returns the possible words at the cursor in a sentence.
     pub(super) fn sentence(&self, at: &Cursor) -> Vec<Completion> {
         let (Some(node), Some(process)) = (at.inside(SyntaxKind::Sentence), self.process_proved_at(at)) else {
             return Vec::new();
@@ -25,7 +25,7 @@ impl Analysis {
         }
     }
 
-    /// The process that the block around the cursor is about.
+    /// Returns the process that the `verify` block around the cursor is about.
     fn process_proved_at(&self, at: &Cursor) -> Option<&Process> {
         let title = at.inside(SyntaxKind::Process).or_else(|| at.inside(SyntaxKind::Verify))?.title()?;
         self.model.processes.iter().find(|process| process.name.text == title.text)
@@ -83,7 +83,8 @@ impl Analysis {
         }
     }
 
-    /// The members of a group, the events of a process, or the outcomes of its normal end.
+    /// Returns the completions after a dot: the members of a group, the events of a process, or the outcomes of its
+    /// normal end.
     fn behind_dot(&self, process: &Process, before: &[Word]) -> Vec<Completion> {
         let mut target = None;
         let mut inside = Some(process);
@@ -123,7 +124,7 @@ fn inside(texts: &[&str]) -> Vec<Completion> {
     texts.iter().filter_map(|text| words::find(text, &[Place::InSentence])).map(keyword).collect()
 }
 
-/// The names before a dot at the end, the outermost first: `hit`, `force` of `hit.force.`.
+/// Returns the names before a dot at the end, the outermost first: `hit` and `force` for `hit.force.`.
 fn path(words: &[Word]) -> Vec<&str> {
     let (mut names, mut rest) = (Vec::new(), words);
     while let [before @ .., dot] = rest

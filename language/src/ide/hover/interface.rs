@@ -9,7 +9,7 @@ use crate::unit;
 use std::fmt::Write as _;
 
 impl Analysis {
-    /// A process group: its parameters, its ports, whether it ends.
+    /// Returns the text of a process group: its parameters, its ports, and whether it ends.
     pub(in crate::ide) fn process_text(&self, process: usize) -> String {
         let process = &self.model.processes[process];
         let params: Vec<String> = process.params.iter().map(Param::to_string).collect();
@@ -25,7 +25,7 @@ impl Analysis {
         told(&lines, &process.doc, end)
     }
 
-    /// A module: its parameters, ports and claims, whether it ends, how it is run.
+    /// Returns the text of a module: its parameters, ports and claims, whether it ends, and how it is run.
     pub(in crate::ide) fn module_text(&self, module: usize) -> String {
         let module = &self.model.modules[module];
         let params = module.params.as_deref().unwrap_or_default();
@@ -78,7 +78,7 @@ impl Analysis {
         format!("{}\nA port of `{}`.{optional}", code(&self.port_lines(&port.name.text, Some(port))), module.name.text)
     }
 
-    /// A port, and the fields of its messages if a text declares them.
+    /// Returns the text of a port, with the fields of its messages if a text declares them.
     fn port_lines(&self, name: &str, port: Option<&Port>) -> String {
         let shown = shown_port(name, port);
         let kind = port.and_then(|port| port.kind.as_ref());
@@ -89,21 +89,21 @@ impl Analysis {
         }
     }
 
-    /// A named type, with its fields.
+    /// Returns the text of a named type, with its fields.
     pub(super) fn type_text(&self, named: usize) -> String {
         let named = &self.model.types[named];
         let doc = if named.doc.is_empty() { String::new() } else { format!("\n\n{}", named.doc) };
         format!("{}{doc}", code(&format!("type {} = {};", named.name.text, named.kind)))
     }
 
-    /// The field of a record that is declared there.
+    /// Returns the text of the field with this declaration.
     pub(super) fn field_text(&self, declaration: Span) -> String {
         let mut fields = self.model.fields();
         let field = fields.find(|field| field.name.span == declaration);
         field.map_or(String::new(), |field| format!("{}\nA field.{}", code(&field.to_string()), quantity(field)))
     }
 
-    /// The port of a module behind a port of a group.
+    /// Returns the port of a module that a group exports as its own port.
     pub(in crate::ide) fn port_behind<'a>(&'a self, process: &'a Process, endpoint: &'a Endpoint) -> Option<&'a Port> {
         let (mut process, mut endpoint) = (process, endpoint);
         for _ in 0..crate::plan::DEPTH_MAX {
@@ -127,7 +127,7 @@ impl Analysis {
     }
 }
 
-/// `in Port: Type`
+/// Returns `in Port: Type`.
 pub(in crate::ide) fn shown_port(name: &str, port: Option<&Port>) -> String {
     let Some(port) = port else { return name.to_owned() };
     let optional = if port.is_optional { " optional" } else { "" };
@@ -161,7 +161,8 @@ pub(super) fn quantity(param: &Param) -> String {
     kind.map_or(String::new(), |(_, example)| format!(" A quantity such as `{example}`."))
 }
 
-/// Returns the text about the memory that a program keeps when it is restarted; empty unless it has something to lose.
+/// Returns the remark for a module that remembers its state, so that its program may not be restarted alone. For other
+/// modules, the text is empty.
 fn memory_of(module: &Module) -> &'static str {
     match module.remembers {
         true => " It *remembers*: it may not be started again alone.",

@@ -1,7 +1,7 @@
 //! Finds the references to each name in the trees.
 //!
-//! The meaning of a node's names follows from the kind of the node and their order. A kind that is not listed has only
-//! parts and no names.
+//! The meaning of a node's names follows from the kind of the node and the order of the names. Other kinds of nodes
+//! have only parts and no names.
 
 mod activity;
 
@@ -49,9 +49,9 @@ struct Walk<'a> {
     spec: &'a Spec,
     /// The symbols of the types of instances, by their spans.
     types: &'a BTreeMap<crate::Span, usize>,
-    /// The process around.
+    /// The process around the node.
     process: Option<usize>,
-    /// The variables of the `all` and `race` around.
+    /// The variables of the `all` and `race` around the node.
     variables: Vec<(String, usize)>,
 }
 
@@ -88,7 +88,7 @@ impl Walk<'_> {
         }
     }
 
-    /// The processes that a sentence names, also those inside of others: `hit.force`.
+    /// Adds the processes that a sentence names, also with the processes around them: `hit.force`.
     fn sentence(&mut self, node: &Node) {
         let own = self.process;
         let mut before: Option<Word> = None;
@@ -116,7 +116,7 @@ impl Walk<'_> {
         self.index.places.entry(name.span).or_insert(symbol);
     }
 
-    /// A name in the place of a value: a variable, a parameter, a named constant, or a literal.
+    /// Adds a name in the position of a value. It may be a variable, a parameter, a named constant, or a literal.
     fn value(&mut self, name: Option<&Name>) {
         let Some(name) = name else { return };
         if self.variables.iter().any(|(known, _)| *known == name.text) {
@@ -126,21 +126,21 @@ impl Walk<'_> {
             return;
         }
         self.constant(Some(name));
-        // A resource that is handed to a member.
+        // The name may be a resource that is handed to a member.
         let resource = self.process.and_then(|process| self.tables.resources.get(&(process, name.text.clone())));
         if let Some(&symbol) = resource {
             self.add(name, symbol);
         }
     }
 
-    /// A name in the place of a whole number: a parameter, or a named constant.
+    /// Adds a name in the position of a whole number: a parameter, or a named constant.
     fn number(&mut self, name: Option<&Name>) {
         if name.is_some_and(|name| !self.param(name)) {
             self.constant(name);
         }
     }
 
-    /// Adds a parameter of the process around; returns whether it is one.
+    /// Adds a parameter of the process around the node. Returns whether the name is such a parameter.
     fn param(&mut self, name: &Name) -> bool {
         let params: &[Param] = self.process.map_or(&[], |process| &self.spec.processes[process].params);
         let declared = params.iter().find(|param| param.name.text == name.text);
@@ -160,14 +160,14 @@ impl Walk<'_> {
         }
     }
 
-    /// The tag of an arm of `match`.
+    /// Adds the tag of an arm of `match`.
     fn outcome(&mut self, name: Option<&Name>) {
         if let Some((name, &symbol)) = name.and_then(|name| Some((name, self.tables.outcomes.get(&name.text)?))) {
             self.add(name, symbol);
         }
     }
 
-    /// `using(arm, gripper)`
+    /// Adds the names in `using(arm, gripper)`.
     fn resources(&mut self, node: &Node) {
         let Some(process) = self.process else { return };
         for name in node.children_of(SyntaxKind::Resources).flat_map(|list| list.names().collect::<Vec<_>>()) {
@@ -179,7 +179,7 @@ impl Walk<'_> {
 
     fn type_name(&mut self, node: &Node) {
         let Some(name) = node.names().next() else { return };
-        // The type of an instance has names of its own.
+        // Types of instances have a separate table.
         let is_kind = node.syntax().parent().is_none_or(|parent| parent.kind() != SyntaxKind::Instance);
         let named = self.spec.named(&name.text, name.span.origin).filter(|_| is_kind);
         let named = named.and_then(|named| self.tables.declared.get(&self.spec.types[named].name.span));
@@ -188,7 +188,7 @@ impl Walk<'_> {
         }
     }
 
-    /// An instance by its exact name.
+    /// Adds an instance by its exact name.
     fn instance_name(&mut self, name: Option<&Name>) -> Option<usize> {
         let (name, process) = (name?, self.process?);
         let symbol = *self.tables.instances.get(&(process, name.text.clone()))?;
@@ -204,7 +204,7 @@ impl Walk<'_> {
         }
     }
 
-    /// `name instof Type(param = value)`
+    /// Adds the names in `name instof Type(param = value)`.
     fn instance(&mut self, node: &Node) {
         let declared = node.names().find_map(|name| self.tables.declared.get(&name.span).copied());
         let target = declared.map_or(Target::Unknown, |symbol| self.target(symbol));
@@ -225,7 +225,7 @@ impl Walk<'_> {
         }
     }
 
-    /// `instance, Port`
+    /// Adds the names in `instance, Port`.
     fn endpoint(&mut self, names: &[Name]) {
         let symbol = self.instance_name(names.first());
         let (Some(symbol), Some(port)) = (symbol, names.get(1)) else { return };
@@ -248,7 +248,7 @@ impl Walk<'_> {
         }
     }
 
-    /// `name[labels]`, `name[index][labels]`
+    /// Adds the names in `name[labels]` or `name[index][labels]`.
     fn run(&mut self, node: &Node, name: Option<&Name>) {
         let lenient = self.tables.runs.get(&node.span()).copied();
         let symbol = match (self.instance_name(name), lenient, name) {
@@ -271,7 +271,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Whether a name is that of all instances of an array.
+    /// Returns whether the name means all instances of an array.
     fn is_array(&self, symbol: usize, name: Option<&Name>) -> bool {
         let Kind::Instance(process, slot) = self.index.symbols[symbol].kind else { return false };
         let Symbol { name: declared, .. } = &self.index.symbols[symbol];
@@ -279,7 +279,7 @@ impl Walk<'_> {
         element != declared && name.is_some_and(|name| name.text == *declared)
     }
 
-    /// `all i in 0..4 (p[i])`
+    /// Adds the names in `all i in 0..4 (p[i])`.
     fn all_of(&mut self, node: &Node) {
         let names: Vec<Name> = node.names().collect();
         let dots = node.token(DotDot).map(|token| token.span().start);

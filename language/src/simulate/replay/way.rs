@@ -1,19 +1,19 @@
-//! A group of which a story tells only the end, and not the events inside.
+//! Finds the events inside a group when a story tells only the end of the group.
 
 use crate::automaton::Failure;
 use crate::simulate::{GroupEnd, Simulation, TraceEvent, Transition};
 use std::collections::{BTreeSet, VecDeque};
 
-/// So many ways are tried to bring a group to its end.
+/// The largest number of ways that are tried to bring a group to its end.
 const WAYS_MAX: usize = 2000;
 
 impl Simulation<'_> {
-    /// Brings a group to an end by events of its programs and timers: first by the events that lead directly there,
-    /// else by the shortest way.
+    /// Brings a group to an end by events of its programs and timers. First tries only events that usually lead to this
+    /// end. Otherwise finds the shortest way.
     pub(super) fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
         let group = self.group(path).ok_or("it is not a group")?;
         self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
-        // Only an end after this point counts, even if the group restarts at once.
+        // Only an end after this point is accepted, even if the group restarts at once.
         self.last_ends.remove(&group);
         let is_stopped = self.pending().ordered.contains(&group);
         if matches!(goal, Goal::Stopped) && is_stopped {
@@ -24,7 +24,7 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// A way to the end of a group.
+    /// Finds a way to the end of a group. Returns the simulation after it.
     fn way(&self, path: &str, group: usize, goal: &Goal, is_straight: bool) -> Option<Self> {
         let mut ways = VecDeque::from([self.clone()]);
         for _ in 0..WAYS_MAX {
@@ -38,7 +38,7 @@ impl Simulation<'_> {
             let mut events = way.possible(path);
             if is_straight {
                 events.retain(|event| goal.is_led_to_by(event));
-                // The first of them is tried first.
+                // With the reversed order, the first event is tried first.
                 events.reverse();
             }
             for event in events {
@@ -58,14 +58,14 @@ impl Simulation<'_> {
             (Transition::Done, Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
             (Transition::Aborted(_), Goal::Failed(wanted)) => wanted.is_none() || failure == wanted,
             (Transition::Stopped, Goal::Stopped) => true,
-            // Its stop came too late: it had ended.
+            // The order to stop came too late, because the group had already ended.
             (Transition::Done, Goal::Stopped) => self.pending.is_some(),
             (_, _) => false,
         }
     }
 
-    /// The possible events below a group: answers first, then ends, failures, timers, and deaths beyond the limit of a
-    /// group.
+    /// Returns the possible events below a group. Answers come first, then ends, failures, timers, and deaths beyond
+    /// the limit of a group.
     fn possible(&self, path: &str) -> Vec<TraceEvent> {
         let prefix = format!("{path}/");
         let is_below = |other: &&str| other.starts_with(&prefix);
@@ -104,17 +104,17 @@ impl Simulation<'_> {
     }
 }
 
-/// How a group ends.
+/// The end that a group must reach.
 #[derive(Clone, Debug)]
 pub(super) enum Goal {
     Done(Option<String>),
-    /// For this reason, if it matters.
+    /// A failure. If there is a reason, it must be this one.
     Failed(Option<Failure>),
     Stopped,
 }
 
 impl Goal {
-    /// Whether an event inside a group leads to its end in this way, most often.
+    /// Returns whether an event inside a group usually leads to this end.
     fn is_led_to_by(&self, event: &TraceEvent) -> bool {
         let is_answer = matches!(event, TraceEvent::Stopped(_) | TraceEvent::Reached(_));
         let is_end = match self {

@@ -1,6 +1,6 @@
 //! An installation of ROS 2 on this host: its environment, and the files of its packages.
 //!
-//! Executables and launch files are found as `ros2 run` and `ros2 launch` find them. Source: `ros2pkg`, `ros2launch` and
+//! Executables and launch files are found in the same way as by `ros2 run` and `ros2 launch`. Source: `ros2pkg`, `ros2launch` and
 //! `ament_index_python`.
 
 use crate::logic::command::{Declared, What, variables};
@@ -14,26 +14,26 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
-/// How long a setup file may take.
+/// The time limit for a setup file.
 const SETUP_WITHIN: Duration = Duration::from_secs(10);
-/// The most bytes of an environment.
+/// The largest size of an environment, in bytes.
 const ENVIRONMENT_MAX: u64 = 1 << 20;
-/// The most bytes of the output of a setup file that fails, in the reason.
+/// How much of the output of a failed setup file the reason contains, in bytes.
 const TROUBLE_MAX: u64 = 2000;
-/// The deepest folder of a package in which files are looked for, and the most entries.
+/// The greatest depth of folders in a package that are searched for files, and the largest number of entries.
 const DEPTH_MAX: usize = 5;
 const ENTRIES_MAX: usize = 10_000;
-/// The most executables in the reason why one is not found.
+/// The largest number of executables that are named in the reason why one is not found.
 const NAMED_MAX: usize = 8;
-/// The packages of an installation, below each of its prefixes.
+/// The folder with the packages of an installation, below each of its prefixes.
 const INDEX: &str = "share/ament_index/resource_index/packages";
-/// Variables of the bridge that the node of ROS 2 does not get: it gives no signs of life in place of the bridge, and does not speak
-/// with the node of the host.
+/// Variables of the bridge that the node of ROS 2 does not get. So it cannot send signs of life for the bridge, and cannot talk to the node
+/// of the host.
 const OWN: [&str; 6] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "DCA_CONTROL", "DCA_DATA_SOCKET", "DCA_TEAM"];
-/// Sources a file, and writes the environment that follows. A setup file that prints does not disturb that.
+/// Sources a file, and writes the resulting environment. Output of the setup file does not disturb this.
 const SOURCE: &str = "source \"$1\" >&2; exec env -0";
 
-/// The environment of a program, by name.
+/// The environment of a program: its variables by name.
 pub(crate) type Environment = BTreeMap<String, String>;
 
 /// A program that can be started.
@@ -44,10 +44,10 @@ pub(crate) struct Prepared {
     pub(crate) environment: Environment,
 }
 
-/// Returns the environment of programs: that of this process after a setup file, if there is one. Blocks.
+/// Returns the environment of programs: the environment of this process, changed by a setup file if there is one. Blocks.
 ///
 /// # Errors
-/// A sentence for a person.
+/// The error is a sentence for a person.
 pub(crate) fn environment(setup: &str) -> Result<Environment, String> {
     let mut environment: Environment =
         if setup.is_empty() { own_variables().collect() } else { sourced(Path::new(setup))?.into_iter().collect() };
@@ -56,7 +56,7 @@ pub(crate) fn environment(setup: &str) -> Result<Environment, String> {
         environment.entry(name.to_owned()).or_insert_with(|| value.to_owned());
     };
     default("RMW_IMPLEMENTATION", "rmw_zenoh_cpp");
-    // Otherwise the output of a program in Python comes when it has ended.
+    // Without this, the output of a Python program only arrives when the program has ended.
     default("PYTHONUNBUFFERED", "1");
     Ok(environment)
 }
@@ -68,7 +68,7 @@ fn own_variables() -> impl Iterator<Item = (String, String)> {
 /// Returns how a program is started in an environment. Blocks.
 ///
 /// # Errors
-/// A sentence for a person.
+/// The error is a sentence for a person.
 pub(crate) fn prepare(declared: &Declared, environment: Environment) -> Result<Prepared, String> {
     let package = &declared.package;
     let prefixes = environment.get("AMENT_PREFIX_PATH").map_or("", String::as_str);
@@ -100,7 +100,7 @@ pub(crate) fn prepare(declared: &Declared, environment: Environment) -> Result<P
     Ok(Prepared { path, arguments: declared.arguments(), environment })
 }
 
-/// A folder is opened without an error, and the opening of a pipe waits for its writer.
+/// Checks the kind of the file first: a folder could be opened without an error, and opening a pipe would wait for its writer.
 fn check_readable(path: &Path) -> io::Result<()> {
     let kind = fs::metadata(path)?.file_type();
     if kind.is_dir() {
@@ -135,7 +135,7 @@ fn is_executable(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
 }
 
-/// Returns the files of a folder and of the folders in it, as far as the limits reach.
+/// Returns the files of a folder and of the folders in it, up to the limits.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let (mut found, mut folders) = (Vec::new(), vec![(folder.to_owned(), 0)]);
     while let Some((folder, depth)) = folders.pop() {
@@ -144,7 +144,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
                 return found;
             }
             let path = entry.path();
-            // A folder behind a link is not entered: such links may lead round in a circle.
+            // Folders behind links are not searched, because such links may lead in a circle.
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                 if depth < DEPTH_MAX {
                     folders.push((path, depth + 1));
@@ -162,7 +162,7 @@ fn on_path(program: &str, environment: &Environment) -> Option<PathBuf> {
     folders.map(|folder| Path::new(folder).join(program)).find(|path| is_executable(path))
 }
 
-/// Returns the environment after a setup file.
+/// Returns the environment that a setup file makes.
 fn sourced(setup: &Path) -> Result<Vec<(String, String)>, String> {
     let shown = setup.display();
     check_readable(setup).map_err(|error| format!("the setup file `{shown}` cannot be read: {error}"))?;
@@ -193,7 +193,7 @@ fn heard(child: &mut Child) -> io::Result<(Vec<u8>, Vec<u8>)> {
     let (out, errors) = (child.stdout.take(), child.stderr.take());
     let (tx, output) = sync_channel(1);
     let (errors_tx, trouble) = sync_channel(1);
-    // The threads are not joined: a program that a setup file has started may hold the pipes open.
+    // The threads are not joined, because a program that the setup file started may keep the pipes open.
     let read = move || {
         let mut bytes = Vec::new();
         let read = out.map_or(Ok(0), |out| out.take(ENVIRONMENT_MAX).read_to_end(&mut bytes));
@@ -202,7 +202,7 @@ fn heard(child: &mut Child) -> io::Result<(Vec<u8>, Vec<u8>)> {
     let read_errors = move || {
         let mut bytes = Vec::new();
         let Some(mut errors) = errors else { return };
-        // The output behind the limit is read as well. Otherwise the setup file would wait for ever.
+        // The output beyond the limit is also read. Otherwise the setup file would wait for ever.
         let mut begin = errors.by_ref().take(TROUBLE_MAX);
         begin.read_to_end(&mut bytes).map(drop).unwrap_or_default();
         errors_tx.try_send(bytes).unwrap_or_default();

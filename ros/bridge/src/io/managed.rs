@@ -1,4 +1,4 @@
-//! The services of a node with a lifecycle, as a client of them.
+//! The client of the services of a node with a lifecycle.
 
 use super::services::{Caller, Client, Service};
 use super::{Graph, RosSession, Subscriber, Waiting, depth, lock};
@@ -24,10 +24,10 @@ use std::sync::{Arc, Mutex};
 
 /// The package of the services.
 const PACKAGE: &str = "lifecycle_msgs";
-/// The quality of service of the news of transitions, as in ROS 2.
+/// The quality of service of the news about transitions, as in ROS 2.
 const QOS: Qos = SERVICE;
 
-/// Wakes the loop of a process, and before it runs, the thread that makes it.
+/// Wakes the loop of a process. Before the loop runs, wakes the thread that makes the process.
 #[derive(Debug, Default)]
 pub(crate) struct Bell {
     wakeup: Wakeup,
@@ -47,7 +47,7 @@ pub(crate) struct Managed {
 }
 
 impl Bell {
-    /// Wakes all that wait.
+    /// Wakes all waiting threads.
     pub(crate) fn ring(&self) {
         self.wakeup.wake();
         if let Some(waker) = &*lock(&self.waker) {
@@ -55,22 +55,22 @@ impl Bell {
         }
     }
 
-    /// Waits until it rings, or until a time.
+    /// Waits until the bell rings, or until a time.
     pub(crate) fn wait(&self, until: Time) {
         self.wakeup.wait(Some(until));
     }
 
-    /// Takes what wakes the loop.
+    /// Takes the function that wakes the loop.
     pub(crate) fn take_waker(&self, waker: Waker) {
         *lock(&self.waker) = Some(waker);
     }
 }
 
 impl Managed {
-    /// Opens a session for the services of a node; `own` is the name of the node that ROS 2 sees.
+    /// Opens a session for the services of a node; `own` is the name of the node of this session in ROS 2.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn open(name: &GraphName, network: &Network, own: String, bell: Arc<Bell>) -> Result<Self, String> {
         let topic = |part: &str, folder: Folder, of: &str| -> Result<Topic, String> {
             let of = TypeName::new(PACKAGE, folder, of).ok_or("no name for a type")?;
@@ -110,7 +110,7 @@ impl Managed {
         news
     }
 
-    /// Sends a request. Its answer is among the news.
+    /// Sends a request. Its answer comes with the news.
     pub(crate) fn perform(&mut self, effect: Effect) {
         let (heard, bell) = (Arc::clone(&self.heard), Arc::clone(&self.bell));
         let tell = move |input: Input| {

@@ -1,7 +1,7 @@
 //! The parameters of a node of ROS 2: users call its services through the process that runs its program.
 //!
-//! A thread of its own has the session with the router, because opening it blocks. The thread begins with the first call, so a node
-//! whose parameters no user asks for needs no second session.
+//! A separate thread has the session with the router, because opening the session blocks. The thread begins with the first call. So a node
+//! whose parameters are never requested needs no second session.
 
 use super::services::{Caller, Client, Service};
 use super::{Graph, RosSession};
@@ -17,25 +17,25 @@ use std::time::Duration;
 
 /// The package of the services.
 const PACKAGE: &str = "rcl_interfaces";
-/// The services of each node, with their types, and the right that a user needs. To set a parameter is to change the mission, as with
-/// the parameters of other programs.
+/// The services of each node, with their types, and the right that a user needs. To set a parameter is a change of the mission, as for the
+/// parameters of other programs.
 const SERVICES: [(&str, &str, Access); 4] = [
     ("list_parameters", "ListParameters", Access::Look),
     ("get_parameters", "GetParameters", Access::Look),
     ("describe_parameters", "DescribeParameters", Access::Look),
     ("set_parameters", "SetParameters", Access::Deploy),
 ];
-/// The most calls that wait for the thread.
+/// The largest number of calls that wait for the thread.
 const WAITING_MAX: usize = 64;
-/// How often it forgets calls whose callers wait no more.
+/// How often the thread removes calls whose callers no longer wait.
 const FORGET_EVERY: Duration = Duration::from_millis(500);
 
-/// A node of ROS 2 whose parameters users may ask for.
+/// A node of ROS 2 whose parameters users may request.
 #[derive(Clone, Debug)]
 pub(crate) struct Asked {
     pub(crate) node: GraphName,
     pub(crate) network: Network,
-    /// The name of the node that ROS 2 sees while it is asked.
+    /// The name under which the session appears as a node in ROS 2.
     pub(crate) own: String,
 }
 
@@ -52,7 +52,7 @@ struct Thread {
     handle: JoinHandle<()>,
 }
 
-/// A call of a service, by its place among the services.
+/// A call of a service; the service is given by its index.
 #[derive(Debug)]
 struct Call {
     service: usize,
@@ -60,7 +60,7 @@ struct Call {
     reply: RawReply,
 }
 
-/// Returns the procedures that stand for the services of a node. They are also answered while the process does not run.
+/// Returns the procedures for the services of a node. They are also answered while the process does not run.
 pub(crate) fn exports() -> Vec<ExportInterface> {
     let export = |(name, of, access): (&'static str, &str, Access)| {
         let of = TypeName::new(PACKAGE, Folder::Srv, of)?;
@@ -77,7 +77,7 @@ impl NodeParameters {
         Self { asked, thread: None }
     }
 
-    /// Calls a service. The answer comes on another thread.
+    /// Calls a service. The answer arrives on another thread.
     pub(crate) fn call(&mut self, name: &str, argument: &[u8], reply: RawReply) {
         let Some(service) = SERVICES.iter().position(|(known, ..)| *known == name) else {
             let known = SERVICES.iter().map(|(name, ..)| (*name).to_owned()).collect();
@@ -99,7 +99,7 @@ impl Drop for NodeParameters {
     fn drop(&mut self) {
         let Some(Thread { calls, handle }) = self.thread.take() else { return };
         drop(calls);
-        // It ends within the time in which a session opens.
+        // The thread ends within the time limit for opening a session.
         if handle.join().is_err() {
             tracing::error!("the thread for parameters has panicked");
         }
@@ -117,7 +117,7 @@ impl Thread {
     }
 }
 
-/// Carries out the calls until the sender is dropped.
+/// Executes the calls until the sender is dropped.
 fn answer(asked: &Asked, calls: &Receiver<Call>) {
     let mut open: Option<Open> = None;
     loop {
@@ -133,7 +133,7 @@ fn answer(asked: &Asked, calls: &Receiver<Call>) {
                             client.call(&argument, Caller::User(reply));
                         }
                     }
-                    // A router that is away says nothing about the node.
+                    // If the router is away, nothing is known about the node.
                     Err(reason) => reply.answer(Err(ObjectError::Unanswered { reason })),
                 }
             }
@@ -185,7 +185,7 @@ mod tests {
     #[ignore = "long: a router has 5 s to answer"]
     fn a_router_that_is_away_is_no_refusal_of_the_node() {
         let node = GraphName::parse("/nav").unwrap();
-        // Nothing listens at this port.
+        // No program listens at this port.
         let network = Network::read("", "connect/endpoints=[\"tcp/127.0.0.1:1\"]", "").unwrap();
         let mut parameters = NodeParameters::new(Asked { node, network, own: "own".to_owned() });
         let (tx, answers) = sync_channel(2);

@@ -1,7 +1,7 @@
-//! A program of ROS 2 as a child of this process, from its start until nothing of it is left.
+//! A program of ROS 2 as a child of this process, from its start until none of its processes is left.
 //!
-//! This process is a subreaper, so orphans of the program become its children. When the program has ended, they are killed: a launch
-//! file starts many processes, and some of them outlive it.
+//! This process is a subreaper, so orphans of the program become its children. When the program has ended, they are killed: a launch file
+//! starts many processes, and some of them live longer than the launch file.
 
 use super::installation::Prepared;
 use super::lock;
@@ -29,42 +29,42 @@ pub(crate) enum End {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Running,
-    /// Nothing of it is left.
+    /// No process of the program is left.
     Gone(End),
 }
 
-/// A program that was started.
+/// A started program.
 #[derive(Debug)]
 pub(crate) struct Program {
-    /// Refers only to this process, even after its number has been given to another one.
+    /// Refers only to this process, even if its number is later given to another process.
     pidfd: OwnedFd,
     stage: Arc<Mutex<Stage>>,
 }
 
-/// Has programs that are started from now on take SIGINT as usual: a node that was started in the background ignores it, and
-/// programs inherit that. A handler is not inherited.
+/// Lets programs that are started from now on handle SIGINT as usual. A node that was started in the background ignores SIGINT, and
+/// programs inherit this. They do not inherit a handler.
 ///
 /// # Errors
-/// A sentence for a person.
+/// The error is a sentence for a person.
 pub(crate) fn handle_interrupts() -> Result<(), String> {
     let handled = signal_hook::flag::register(SIGINT, Arc::default());
     handled.map(drop).map_err(|error| format!("SIGINT cannot be handled: {error}"))
 }
 
 impl Program {
-    /// Starts a program. `ended` is called on another thread once nothing of it is left.
+    /// Starts a program. `ended` is called on another thread when none of its processes is left.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn start(prepared: &Prepared, ended: impl FnOnce(End) + Send + 'static) -> Result<Self, String> {
         let failed = |error: std::io::Error| format!("cannot execute `{}`: {error}", prepared.path.display());
         rustix::process::set_child_subreaper(Some(rustix::process::getpid())).map_err(|error| failed(error.into()))?;
         let mut command = Command::new(&prepared.path);
         command.args(&prepared.arguments).env_clear().envs(&prepared.environment);
-        // `kill 0` in a script means the script and its children, not this process.
+        // `kill 0` in a script refers to the script and its children, not to this process.
         let child = command.stdin(Stdio::null()).process_group(0).spawn().map_err(failed)?;
         let (pid, stage) = (Pid::from_child(&child), Arc::new(Mutex::new(Stage::Running)));
-        // Its reaper does not run yet, so the number still means this process.
+        // Its reaper does not run yet, so the number still refers to this process.
         let pidfd = pidfd_open(pid, PidfdFlags::empty()).map_err(|error| failed(error.into()))?;
         let own = Arc::clone(&stage);
         let reap = move || {
@@ -76,7 +76,7 @@ impl Program {
         Ok(Self { pidfd, stage })
     }
 
-    /// Returns how it has ended, once nothing of it is left.
+    /// Returns how the program has ended, once none of its processes is left.
     pub(crate) fn end(&self) -> Option<End> {
         match *lock(&self.stage) {
             Stage::Running => None,
@@ -84,7 +84,7 @@ impl Program {
         }
     }
 
-    /// Carries out a step of its end.
+    /// Executes a step of the end of the program.
     pub(crate) fn take(&self, step: Step) {
         let stage = lock(&self.stage);
         if *stage != Stage::Running {
@@ -102,7 +102,7 @@ impl Program {
     }
 }
 
-/// Waits until the program has ended, then kills and reaps all that it has left; returns its end.
+/// Waits until the program has ended, then kills and reaps all processes that it has left. Returns the end of the program.
 fn reap(program: Pid) -> End {
     let mut end = None;
     loop {
@@ -112,14 +112,14 @@ fn reap(program: Pid) -> End {
             // No child is left.
             Err(_) => return end.unwrap_or(End::Exit(-1)),
         }
-        // The death of a child makes its own children those of this process, so each pass finds the next ones.
+        // When a child dies, its children become children of this process, so each pass finds new ones.
         if end.is_some() {
             kill_children();
         }
     }
 }
 
-/// Kills the children of this process. On a kernel without lists of children, the parent of this process ends them.
+/// Kills the children of this process. If the kernel has no lists of children, the parent of this process ends them.
 fn kill_children() {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
     for thread in threads {
@@ -145,10 +145,10 @@ impl End {
             Self::Exit(code) => std::process::exit(code),
             Self::Signal(number) => {
                 let none = Rlimit { current: Some(0), maximum: Some(0) };
-                // The core of the program was written; one of this process says nothing.
+                // The core of the program has been written; a core of this process would not help.
                 rustix::process::setrlimit(Resource::Core, none).unwrap_or_default();
                 if let Some(signal) = Signal::from_named_raw(number) {
-                    // The runtime of Rust handles the first SIGSEGV, and takes its handler away.
+                    // The runtime of Rust handles the first SIGSEGV, and then removes its handler.
                     for _ in 0..2 {
                         rustix::process::kill_process(rustix::process::getpid(), signal).unwrap_or_default();
                     }

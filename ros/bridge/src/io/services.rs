@@ -25,9 +25,9 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::query::{ConsolidationMode, Querier, Query, QueryTarget, Queryable, Reply};
 use zenoh::sample::Sample;
 
-/// How long a server of ROS 2 may take at most. A caller has a time of its own, which is shorter.
+/// The longest time of a server of ROS 2. The caller has its own, shorter time limit.
 const ANSWER_WITHIN: Duration = Duration::from_secs(3600);
-/// After this time a session knows the servers that are there.
+/// After this time a session knows the existing servers.
 const SETTLED_AFTER: Duration = Duration::from_secs(1);
 /// The longest reason of a server that is passed on, in bytes.
 const REASON_MAX: usize = 500;
@@ -44,7 +44,7 @@ pub(crate) struct Service {
 pub(crate) enum Caller {
     /// A process of the mission.
     Process(RawReply),
-    /// A user who asks a node. If no node answers, the call is not refused.
+    /// A user who calls a node. If no node answers, the call is not refused.
     User(RawReply),
     /// This program.
     Own {
@@ -67,7 +67,7 @@ pub(crate) struct Client {
     _token: LivelinessToken,
 }
 
-/// A server of a service. Dropping it ends it.
+/// A server of a service. The server ends when this is dropped.
 #[derive(Debug)]
 pub(crate) struct Server {
     _queryable: Queryable<()>,
@@ -88,7 +88,7 @@ impl Service {
     /// Returns a service of this type that has no calls yet.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn new(of: &TypeName) -> Result<Arc<Self>, String> {
         let (request, response) = (setup::schema(&of.request())?, setup::schema(&of.response())?);
         Ok(Arc::new(Self { request, response, counts: Mutex::default() }))
@@ -99,12 +99,12 @@ impl RosSession {
     /// Makes a client of a service; `id` is its number within the session.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn client(&self, id: u64, topic: &Topic, service: &Arc<Service>) -> Result<Client, String> {
         let token = self.token(id, Role::Client, topic, SERVICE);
         let querier = self.session.declare_querier(key(topic.key(self.domain))?);
         let querier = querier.target(QueryTarget::AllComplete).timeout(ANSWER_WITHIN);
-        // The first reply counts. Otherwise replies wait until the server forgets the request.
+        // The first reply counts. With another mode, replies would wait until the server forgets the request.
         let querier = querier.consolidation(ConsolidationMode::None);
         let querier = querier.wait().map_err(|error| told(topic, error.as_ref()))?;
         let sender = Gid::of(&token.key());
@@ -116,7 +116,7 @@ impl RosSession {
     /// Makes a server of a service, whose requests wake the loop; `id` is its number within the session.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn server(
         &self,
         id: u64,
@@ -143,12 +143,12 @@ impl RosSession {
 }
 
 impl Caller {
-    /// Returns this program as a caller that takes the first answer.
+    /// Returns this program as the caller; it takes the first answer.
     pub(crate) fn own(take: impl FnOnce(Result<Vec<u8>, Failure>) + Send + 'static) -> Self {
         Self::Own { take: Box::new(take), is_last: |_| false }
     }
 
-    /// Returns the caller with responses that only count if no other server responds.
+    /// Changes the caller: responses for which `is_last` is true only count if no other server responds.
     pub(crate) fn unless(self, is_last: fn(&[u8]) -> bool) -> Self {
         match self {
             Self::Own { take, .. } => Self::Own { take, is_last },
@@ -184,7 +184,7 @@ impl std::fmt::Debug for Caller {
 }
 
 impl Client {
-    /// Returns whether a server is there, as far as this session knows.
+    /// Returns whether there is a server, as far as this session knows.
     pub(crate) fn has_server(&self) -> bool {
         self.querier.matching_status().wait().is_ok_and(|status| status.matching())
     }
@@ -213,24 +213,24 @@ impl Client {
         }
     }
 
-    /// Forgets the calls whose callers wait no more. A late answer to them is dropped.
+    /// Removes the calls whose callers no longer wait. A late answer to them is dropped.
     pub(crate) fn forget(&self) {
         let lost = lock(&self.waiting).forget(Caller::is_wanted);
         lock(&self.service.counts).lost += lost;
     }
 }
 
-/// A call that waits. Dropped without an answer, it is over.
+/// A waiting call. If it is dropped without an answer, the call is over.
 struct Waiting {
     number: u64,
-    /// Each response has to bear its number and sender.
+    /// The attachment of the call. Each response has to contain its number and sender.
     attachment: Attachment,
     waiting: Arc<Mutex<Replies<Caller>>>,
     service: Arc<Service>,
     name: String,
     /// Whether there may have been a server when the call was made.
     is_known: bool,
-    /// A response that counts if no other comes.
+    /// A response that counts if no other response arrives.
     last: Mutex<Option<Vec<u8>>>,
 }
 
@@ -313,7 +313,7 @@ impl Server {
     }
 }
 
-/// Takes a request; returns why it is refused, and how many were by then.
+/// Takes a request. If the request is refused, returns the reason and the number of refusals so far.
 fn hear(query: Query, service: &Service, requests: &Mutex<Requests<Request>>) -> Result<(), (String, u64)> {
     let (query, why) = match read(&query, service) {
         Err(why) => (query, why.to_string()),
@@ -341,7 +341,7 @@ fn read(query: &Query, service: &Service) -> Result<(Attachment, Vec<u8>), Refus
     Ok((attachment, value::of_message(&request)))
 }
 
-/// Returns the reason of a server as one line.
+/// Returns the reason that a server gives, as one line.
 fn reason(bytes: &[u8]) -> String {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(REASON_MAX)]);
     text.chars().map(|character| if character.is_control() { ' ' } else { character }).collect()

@@ -1,6 +1,6 @@
 //! The command line of a program of ROS 2, as a spec declares it.
 //!
-//! Source: `rcl_parse_arguments` (`--ros-args`, `-r`, `-p`, `--params-file`). Values of parameters are YAML, as the plan has them.
+//! Source: `rcl_parse_arguments` (`--ros-args`, `-r`, `-p`, `--params-file`). Values of parameters are YAML, as in the plan.
 
 use ros::logic::key::GraphName;
 
@@ -10,17 +10,17 @@ pub(crate) struct Declared {
     pub(crate) package: String,
     pub(crate) what: What,
     pub(crate) node: Option<GraphName>,
-    /// Other names, each as `from:=to`.
+    /// Renamings, each as `from:=to`.
     pub(crate) remaps: Vec<String>,
-    /// Files of parameters.
+    /// Files with parameters.
     pub(crate) files: Vec<String>,
-    /// The arguments in the text behind `ros`.
+    /// The arguments in the text after `ros`.
     pub(crate) words: Vec<String>,
-    /// The arguments of the process, each as `name=value`: parameters of an executable as YAML, arguments of a launch file.
+    /// The arguments of the process, each as `name=value`: parameters of an executable as YAML, or arguments of a launch file.
     pub(crate) given: Vec<String>,
 }
 
-/// The part of a package that is started.
+/// The part of a package to start.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum What {
     Executable(String),
@@ -28,7 +28,7 @@ pub(crate) enum What {
 }
 
 impl Declared {
-    /// Returns the arguments of its program: of the executable, or behind `ros2`.
+    /// Returns the arguments of the program: of the executable, or those after `ros2`.
     pub(crate) fn arguments(&self) -> Vec<String> {
         match &self.what {
             What::Executable(_) => self.of_executable(),
@@ -74,7 +74,7 @@ pub(crate) fn variables(output: &[u8]) -> Vec<(String, String)> {
 
 #[cfg(test)]
 impl Declared {
-    /// Returns a part of the package `demo` without anything else.
+    /// Returns a declaration of a part of the package `demo`, without options.
     pub(crate) fn demo(what: What) -> Self {
         Self {
             package: "demo".to_owned(),

@@ -1,6 +1,6 @@
-//! The end of a program of ROS 2: it is asked with SIGINT, then with SIGTERM, and then killed.
+//! The end of a program of ROS 2: it gets SIGINT, then SIGTERM, and then SIGKILL.
 //!
-//! SIGINT comes first, because `rclcpp`, `rclpy` and launch files end cleanly on it, and a launch file then ends its nodes.
+//! SIGINT comes first: `rclcpp`, `rclpy` and launch files end cleanly on it, and a launch file then ends its nodes.
 
 use comms::logic::time::Time;
 use std::time::Duration;
@@ -13,14 +13,14 @@ pub(crate) const TERMINATE_WITHIN: Duration = Duration::from_secs(1);
 pub(crate) enum Step {
     Interrupt,
     Terminate,
-    /// Kill it, and everything that it has started.
+    /// Kill the program and all processes that it has started.
     Kill,
 }
 
-/// The end of a program, from the first signal on.
+/// The end of a program, beginning with the first signal.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ending {
-    /// The next step, and when it is due.
+    /// The next step, and the time at which it is due.
     next: Option<(Step, Time)>,
     patience: Duration,
 }

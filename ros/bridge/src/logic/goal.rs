@@ -1,4 +1,4 @@
-//! One goal of an action of ROS 2, from its request to its end, and the end of the process that has sent it.
+//! One goal of an action of ROS 2, from its request to its end, and the end of the process that sent it.
 //!
 //! ```text
 //! Looking ──there is a server──▶ Asked ──accepted──▶ Active ──the goal has ended──▶ Over
@@ -6,37 +6,37 @@
 //!                                  └──no valid answer──▶ Unclear ──the server cancels it──▶ Active
 //! ```
 //!
-//! The process ends with its goal. If the process has to end earlier, because it is stopped or because it cannot follow the goal any
-//! more, the goal is canceled at once, also when no server has accepted it yet. The stop of the process is confirmed when a server has
-//! said that the goal has ended, was rejected or is unknown. Until then the goal may go on: [`Goal::may_go_on`].
+//! The process ends with its goal. It has to end earlier if it is stopped or cannot follow the goal any more. In this case the goal is
+//! canceled at once, even if no server has accepted it yet. The stop of the process is confirmed when a server has said that the goal has
+//! ended, was rejected or is unknown. Until then the goal may go on: [`Goal::may_go_on`].
 //!
-//! A question without an answer is asked again: the router or the server may have been away for a time, and a server keeps results.
+//! A request without an answer is repeated: the router or the server may have been away for a time, and a server keeps results.
 
 use super::retry::Retry;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How long a server is looked for before the goal is sent.
+/// How long the process looks for a server before it sends the goal.
 const LOOK_WITHIN: Duration = Duration::from_secs(5);
 /// How long a server may be away while the goal is active.
 const AWAY_WITHIN: Duration = Duration::from_secs(5);
-/// How often in a row a server may leave the question for the result without an answer.
+/// The largest number of requests for the result in a row that may stay without an answer.
 const NO_RESULTS_MAX: u32 = 10;
 
 /// News for a goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Input {
-    /// Whether a server is there; looked at from time to time.
+    /// Whether there is a server; checked from time to time.
     Server { is_there: bool },
-    /// The server takes the goal, or not.
+    /// Whether the server accepts the goal.
     Answered { is_accepted: bool },
-    /// The request to take it had no valid answer.
+    /// The request to accept the goal had no valid answer.
     NotAnswered { why: String },
-    /// The answer to the question for the result.
+    /// The answer to the request for the result.
     Result { status: Status, result: Vec<u8> },
-    /// The question for the result had no answer: it is lost, or the server has gone.
+    /// The request for the result had no answer: it was lost, or the server has gone.
     NoResult,
-    /// The answer to a question for the result is not one.
+    /// The answer to a request for the result cannot be read.
     BadResult { why: String },
     /// The answer to a request to cancel the goal, by the number of the request.
     Cancel { number: u32, answer: CancelAnswer },
@@ -44,7 +44,7 @@ pub(crate) enum Input {
     Stop,
 }
 
-/// The status of a goal in the answer to the question for its result. Source: `action_msgs/msg/GoalStatus`.
+/// The status of a goal in the answer to the request for its result. Source: `action_msgs/msg/GoalStatus`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Status {
     Succeeded,
@@ -59,15 +59,15 @@ pub(crate) enum Status {
 /// The answer to a request to cancel a goal. Source: `action_msgs/srv/CancelGoal`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CancelAnswer {
-    /// The server cancels it.
+    /// The server cancels the goal.
     Accepted,
-    /// The server refuses that.
+    /// The server refuses to cancel the goal.
     Refused,
     /// The server does not know the goal.
     Unknown,
-    /// The goal has ended already.
+    /// The goal has already ended.
     Ended,
-    /// There is none, or it is not valid.
+    /// The answer is missing or not valid.
     Missing,
 }
 
@@ -76,20 +76,20 @@ pub(crate) enum CancelAnswer {
 pub(crate) enum Effect {
     /// Send the goal.
     Send,
-    /// Ask for its result.
+    /// Ask for the result of the goal.
     AskResult,
-    /// Ask to cancel it.
+    /// Ask to cancel the goal.
     Cancel { number: u32 },
 }
 
-/// The end of the process that has sent a goal.
+/// The end of the process that sent a goal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
     /// The goal has succeeded, with this result.
     Done(Vec<u8>),
-    /// The goal has failed, or the process cannot follow it; why, for a person.
+    /// The goal has failed, or the process cannot follow it. The text is the reason, for a person.
     Aborted(String),
-    /// The mission has stopped it.
+    /// The mission has stopped the process.
     Stopped,
 }
 
@@ -97,17 +97,17 @@ pub(crate) enum Ending {
 enum Stage {
     Looking,
     Asked,
-    /// The request to take the goal had no valid answer.
+    /// The request to accept the goal had no valid answer.
     Unclear,
     Active,
-    /// The goal has ended, or was never begun.
+    /// The goal has ended, or never began.
     Over,
 }
 
 /// The requests to cancel a goal.
 #[derive(Debug, Default)]
 struct Canceling {
-    /// The number of the last request; 0 if there was none.
+    /// The number of the last request; 0 without a request.
     number: u32,
     answer: Option<CancelAnswer>,
     retry: Retry,
@@ -120,15 +120,15 @@ pub(crate) struct Goal {
     stage: Stage,
     ending: Option<Ending>,
     canceling: Canceling,
-    /// The question for the result.
+    /// The request for the result.
     result: Retry,
-    /// When a server was there last; before the first one, since when it is looked for.
+    /// When a server was last there. Before the first server, the time since when the process has looked for one.
     seen: Time,
     is_there: bool,
 }
 
 impl Goal {
-    /// Returns a goal for a server of this action, which is looked for from now on.
+    /// Returns a goal for a server of this action; the process looks for a server from now on.
     pub(crate) fn new(action: String, now: Time) -> Self {
         let (canceling, result) = (Canceling::default(), Retry::default());
         Self { action, stage: Stage::Looking, ending: None, canceling, result, seen: now, is_there: false }
@@ -137,7 +137,7 @@ impl Goal {
     /// Takes an input.
     pub(crate) fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
         match (self.stage, input) {
-            // An answer that comes late changes nothing.
+            // A late answer changes nothing.
             (Stage::Over, _) => {}
             (_, Input::Server { is_there }) => self.look(now, is_there, effects),
             (Stage::Looking, Input::Stop) => self.settle(Ending::Stopped),
@@ -154,7 +154,7 @@ impl Goal {
                 self.settle(Ending::Aborted(why));
             }
             (Stage::Asked, Input::NotAnswered { why }) => {
-                // The server may have taken it without an answer.
+                // The server may have accepted the goal without an answer.
                 self.stage = Stage::Unclear;
                 if self.ending.is_some() {
                     return self.cancel(now, effects);
@@ -180,12 +180,12 @@ impl Goal {
         }
     }
 
-    /// Returns the end of its process, once the process ends: with the goal or before it.
+    /// Returns the end of the process, once the process ends: with the goal or before it.
     pub(crate) fn ending(&self) -> Option<&Ending> {
         self.ending.as_ref()
     }
 
-    /// Returns whether the goal has ended or was never begun.
+    /// Returns whether the goal has ended or never began.
     pub(crate) fn is_over(&self) -> bool {
         self.stage == Stage::Over
     }
@@ -249,7 +249,7 @@ impl Goal {
     fn cancel_answered(&mut self, now: Time, answer: CancelAnswer, effects: &mut Vec<Effect>) {
         self.canceling.answer = Some(answer);
         match (answer, self.stage) {
-            // The server has not looked at the request to take the goal yet.
+            // The server has not handled the request to accept the goal yet.
             (CancelAnswer::Unknown, Stage::Asked) | (CancelAnswer::Refused, _) => {}
             (CancelAnswer::Unknown | CancelAnswer::Ended, _) => self.stage = Stage::Over,
             (CancelAnswer::Accepted, Stage::Unclear) => self.activate(now, effects),
@@ -258,7 +258,7 @@ impl Goal {
         }
     }
 
-    /// Takes the answer to the question for the result.
+    /// Takes the answer to the request for the result.
     fn answered(&mut self, now: Time, status: Status, result: Vec<u8>, effects: &mut Vec<Effect>) {
         let why = match status {
             Status::Succeeded => return self.settle(Ending::Done(result)),
@@ -277,12 +277,12 @@ impl Goal {
         self.settle(Ending::Aborted(self.reason(why)));
     }
 
-    /// The process cannot follow the goal: it ends, and the goal is canceled.
+    /// Cancels the goal and ends the process, because the process cannot follow the goal.
     fn fail(&mut self, now: Time, why: &str, effects: &mut Vec<Effect>) {
         self.end(now, Ending::Aborted(self.reason(why)), effects);
     }
 
-    /// The process ends before its goal. A second reason to end changes nothing.
+    /// Lets the process end before its goal. A second reason to end changes nothing.
     fn end(&mut self, now: Time, ending: Ending, effects: &mut Vec<Effect>) {
         if self.ending.is_none() {
             self.ending = Some(ending);
@@ -290,7 +290,7 @@ impl Goal {
         }
     }
 
-    /// The goal has ended or was never begun; the process ends with it, if it has not ended before.
+    /// Records that the goal has ended or never began. The process ends too, unless it has ended before.
     fn settle(&mut self, ending: Ending) {
         self.stage = Stage::Over;
         self.ending.get_or_insert(ending);

@@ -1,4 +1,4 @@
-//! The lifecycle of a node of ROS 2 from outside: its state is brought to the wanted one, transition by transition.
+//! The lifecycle of a node of ROS 2, seen from outside: transition by transition, its state is changed to the wanted one.
 //!
 //! ```text
 //!         ──configure──▶            ──activate──▶
@@ -6,19 +6,19 @@
 //!                                   ◀─deactivate─
 //! ```
 //!
-//! The node alone knows its state, so the state is asked for after each doubt: a transition without an answer, a refused one, news of
-//! another client. So a lost request is repeated only if the node has not carried it out, and a late answer does no harm. A node that
-//! is silent fails only at the end of the time that its spec gives it.
-//! Source: `lifecycle_msgs/msg/{State,Transition}`, and design.ros2.org/articles/node_lifecycle.html.
+//! Only the node knows its state. So the state is requested after each doubt: a transition without an answer, a refused transition, or news
+//! of another client. So a lost request is repeated only if the node has not carried it out, and a late answer does no harm. A silent node
+//! only fails at the end of the time that its spec allows. Source: `lifecycle_msgs/msg/{State,Transition}`, and
+//! design.ros2.org/articles/node_lifecycle.html.
 
 use comms::logic::human::span;
 use comms::logic::time::Time;
 use std::fmt;
 use std::time::Duration;
 
-/// How often the state of an active node is asked for. News of other clients come sooner.
+/// How often the state of an active node is requested. News of other clients arrive sooner.
 const ASK_EVERY: Duration = Duration::from_secs(1);
-/// The pause before the next question if the node is in a transition, or has not answered.
+/// The pause before the next request if the node is in a transition, or has not answered.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
 
 /// The state of a node.
@@ -27,13 +27,13 @@ pub(crate) enum State {
     Unconfigured,
     Inactive,
     Active,
-    /// It has been shut down, for good.
+    /// The node has been shut down for ever.
     Finalized,
-    /// It is in a transition, or in a state that nothing is known of.
+    /// The node is in a transition, or in an unknown state.
     Between(u8),
 }
 
-/// A transition that is asked for.
+/// A transition that can be requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transition {
     Configure,
@@ -41,31 +41,31 @@ pub(crate) enum Transition {
     Deactivate,
 }
 
-/// The state to which a node is brought.
+/// The state into which a node is brought.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wanted {
-    /// It can be activated at once.
+    /// The node can be activated at once.
     Ready,
-    /// It works.
+    /// The node works.
     Active,
-    /// It does not work.
+    /// The node does not work.
     Resting,
 }
 
 /// News of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Input {
-    /// Whether its services are there; looked at from time to time.
+    /// Whether its services exist; checked from time to time.
     Services { are_there: bool },
     /// Another state is wanted from now on, within this time.
     Want { wanted: Wanted, within: Duration },
     /// The answer to the request for a transition, by its number.
     Changed { number: u32, answer: Answer },
-    /// The answer to a question for the state; none if it is lost, or none of a node.
+    /// The answer to a request for the state; none if it was lost, or is not an answer of a node.
     Told { number: u32, state: Option<State> },
-    /// The node says that its state has changed.
+    /// The node reports that its state has changed.
     News,
-    /// Its program has ended.
+    /// The program of the node has ended.
     Ended,
 }
 
@@ -74,43 +74,43 @@ pub(crate) enum Input {
 pub(crate) enum Answer {
     Done,
     Failed,
-    /// There is none, or it cannot be read: the transition may have happened.
+    /// The answer is missing or cannot be read: the transition may have happened.
     Missing,
 }
 
 /// An effect on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Effect {
-    /// Start its program.
+    /// Start the program of the node.
     Start,
     Change {
         number: u32,
         transition: Transition,
     },
-    /// Ask for its state.
+    /// Ask for the state of the node.
     Ask {
         number: u32,
     },
 }
 
-/// The present relation to the wanted state.
+/// The relation of the present state to the wanted state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Standing {
-    /// It is not reached yet.
+    /// The wanted state is not reached yet.
     Underway,
     Reached,
-    /// It cannot be reached, or was left; why, for a person.
+    /// The wanted state cannot be reached, or was left. The text is the reason, for a person.
     Failed(String),
 }
 
-/// A request that has no answer yet.
+/// A request without an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Request {
     Change(Transition),
     Ask,
 }
 
-/// The state to be reached, and when.
+/// The state to be reached, and the time limit.
 #[derive(Clone, Copy, Debug)]
 struct Aim {
     wanted: Wanted,
@@ -118,13 +118,13 @@ struct Aim {
     until: Time,
 }
 
-/// The questions for the state.
+/// The requests for the state.
 #[derive(Debug, Default)]
 struct Questions {
-    /// The answer that counts now; none after a doubt.
+    /// The last state that is certain; none after a doubt.
     state: Option<State>,
     due: Time,
-    /// When the node has answered last.
+    /// When the node last answered.
     heard: Time,
 }
 
@@ -142,14 +142,14 @@ pub(crate) struct Lifecycle {
     number: u32,
     request: Option<Request>,
     questions: Questions,
-    /// The transition that the node has failed to do.
+    /// The transition that the node failed to do.
     failed: Option<Transition>,
-    /// Whether a request to activate it has no answer, so that the node may carry it out at any time.
+    /// Whether a request to activate the node has no answer, so that the node may carry it out at any time.
     may_activate: bool,
 }
 
 impl Lifecycle {
-    /// Returns a node that is not started, and is to be made ready within this time.
+    /// Returns a node that is not started. It has to be ready within this time.
     pub(crate) fn new(name: String, within: Duration, now: Time) -> Self {
         Self {
             name,
@@ -206,22 +206,22 @@ impl Lifecycle {
         }
     }
 
-    /// Returns whether the wanted state is reached.
+    /// Returns the relation of the present state to the wanted state.
     pub(crate) fn standing(&self) -> &Standing {
         &self.standing
     }
 
-    /// Returns whether the node may become active although it is not wanted to.
+    /// Returns whether the node may become active although this is not wanted.
     pub(crate) fn may_activate(&self) -> bool {
         self.may_activate
     }
 
-    /// Returns the last state that the node has told.
+    /// Returns the last state that the node has reported.
     pub(crate) fn state(&self) -> Option<State> {
         self.questions.state
     }
 
-    /// Takes an answer; returns its request. An answer to an earlier request counts for nothing.
+    /// Takes an answer; returns its request. An answer to an earlier request is ignored.
     fn answered(&mut self, number: u32) -> Option<Request> {
         self.request.take_if(|_| number == self.number)
     }
@@ -231,7 +231,7 @@ impl Lifecycle {
         match answer {
             Answer::Done => (questions.state, questions.heard) = (Some(transition.goal()), now),
             Answer::Failed => {
-                // The node may have reached the state in another way, and has only refused to do so twice.
+                // The node may have reached the state in another way. Then it has only refused to do the same again.
                 (questions.state, questions.due, questions.heard) = (None, now, now);
                 self.failed = Some(transition);
             }
@@ -243,7 +243,7 @@ impl Lifecycle {
         }
     }
 
-    /// Starts the program, unless a node of its name answers: that one would get the requests as well.
+    /// Starts the program, unless a node with its name answers: that node would get the requests as well.
     fn looked_around(&mut self, now: Time, state: Option<State>, effects: &mut Vec<Effect>) {
         self.questions = Questions { due: now + LOOK_AGAIN, heard: now, ..Questions::default() };
         if state.is_none() && !self.are_there {
@@ -260,18 +260,18 @@ impl Lifecycle {
             return;
         };
         questions.heard = now;
-        // Another client has done the same.
+        // Another client has made the same transition.
         self.failed.take_if(|failed| failed.goal() == state);
         questions.due = now + if matches!(state, State::Between(_)) { LOOK_AGAIN } else { ASK_EVERY };
     }
 
-    /// Does what follows from all that is known.
+    /// Updates the relation to the wanted state, and sends the next request.
     fn look(&mut self, now: Time, effects: &mut Vec<Effect>) {
         self.judge(now);
         if matches!(self.standing, Standing::Failed(_)) {
             return;
         }
-        // Before the start, the question is whether a node of this name is there already.
+        // Before the start, the only request is whether a node with this name already exists.
         let has_partner = self.are_there == self.is_started;
         if self.request.is_some() || !has_partner || (!self.is_started && self.aim.wanted == Wanted::Resting) {
             return;
@@ -288,7 +288,7 @@ impl Lifecycle {
         }
     }
 
-    /// A node that is not to work is asked until it has said so.
+    /// Returns whether the state of the node is still requested. A node that must not work is asked until its state confirms this.
     fn is_watched(&self) -> bool {
         self.aim.wanted == Wanted::Active || self.standing == Standing::Underway
     }
@@ -339,12 +339,12 @@ impl Lifecycle {
         self.standing = Standing::Failed(format!("node `{}`: {why}", self.name));
     }
 
-    /// Returns whether a question has waited for too long.
+    /// Returns whether the node has not answered for too long.
     fn is_silent(&self, now: Time) -> bool {
         now >= self.questions.heard + ASK_EVERY + self.within
     }
 
-    /// Returns why the wanted state is not reached in time.
+    /// Returns the reason why the wanted state is not reached in time.
     fn late(&self) -> String {
         let within = span(self.aim.within);
         match (self.request, self.questions.state) {

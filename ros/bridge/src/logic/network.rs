@@ -1,20 +1,20 @@
-//! The network of ROS 2 that a bridge takes part in, from the variables that ROS 2 itself reads.
+//! The network of ROS 2 in which a bridge takes part, from the variables that ROS 2 itself reads.
 
 use ros::logic::hash::rihs01;
 use ros::logic::schema::Schema;
 
-/// The router that ROS 2 looks for when nothing else is said.
+/// The router that ROS 2 uses by default.
 const ROUTER: &str = r#"["tcp/localhost:7447"]"#;
 /// The setting that names the router.
 const ENDPOINTS: &str = "connect/endpoints";
-/// The setting that a bridge decides itself: routers pass on nothing between peers.
+/// The setting that the bridge chooses itself: routers do not forward messages between peers.
 const MODE: &str = "mode";
-/// The most domains, as the ports of other middlewares limit them.
+/// The largest domain, as the ports of other middlewares limit it.
 const DOMAIN_MAX: u32 = 232;
 
-/// The distribution whose keys have no hash of a type.
+/// The distribution whose keys do not contain the hash of a type.
 const HUMBLE: &str = "humble";
-/// The word in such keys.
+/// The word that its keys contain in place of a hash.
 const NO_HASH: &str = "TypeHashNotSupported";
 
 /// The network, and the settings of a session in it.
@@ -24,7 +24,7 @@ pub(crate) struct Network {
     pub(crate) domain: u32,
     /// Settings of Zenoh: key and value in JSON5.
     pub(crate) settings: Vec<(String, String)>,
-    /// Whether the nodes are those of the distribution Humble.
+    /// Whether the nodes belong to the distribution Humble.
     is_humble: bool,
 }
 
@@ -32,7 +32,7 @@ impl Network {
     /// Reads `ROS_DOMAIN_ID`, `ZENOH_CONFIG_OVERRIDE` and `ROS_DISTRO`. Source: `rmw_zenoh`, `docs/design.md` and `zenoh_config.cpp`.
     ///
     /// # Errors
-    /// A sentence for a person.
+    /// The error is a sentence for a person.
     pub(crate) fn read(domain: &str, overrides: &str, distribution: &str) -> Result<Self, String> {
         let number = if domain.is_empty() { Some(0) } else { domain.parse().ok() };
         let domain = number
@@ -56,7 +56,7 @@ impl Network {
         Ok(network)
     }
 
-    /// Returns the hash of a type in keys.
+    /// Returns the hash of a type, as in keys.
     pub(crate) fn hash(&self, of: &Schema) -> String {
         if self.is_humble { NO_HASH.to_owned() } else { rihs01(of) }
     }

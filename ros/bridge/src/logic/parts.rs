@@ -1,6 +1,6 @@
-//! The messages of an action: around each goal and its feedback is the id of the goal. Source: `rosidl_parser`, `Action`.
+//! The messages of an action: the id of the goal is in front of each goal and its feedback. Source: `rosidl_parser`, `Action`.
 //!
-//! An id has sixteen bytes, so the message behind it has the same gaps as alone.
+//! An id has sixteen bytes, so the message after it has the same padding as alone.
 
 use super::goal::CancelAnswer;
 use super::value;
@@ -9,21 +9,21 @@ use ros::logic::schema::Schema;
 
 /// The header of CDR.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
-/// The bytes of a time.
+/// The bytes of a time of zero.
 const TIME: [u8; 8] = [0; 8];
 
-/// Returns the request to take a goal, from the message of the goal.
+/// Returns the request to accept a goal, made of the message of the goal.
 pub(crate) fn with_id(id: [u8; 16], goal: &[u8]) -> Vec<u8> {
     [&HEADER, &id[..], goal.get(HEADER.len()..).unwrap_or_default()].concat()
 }
 
-/// Returns the message of feedback; none if it is that of another goal.
+/// Returns the message of feedback; none if it belongs to another goal.
 pub(crate) fn without_id(id: [u8; 16], message: &[u8]) -> Option<Vec<u8>> {
     let feedback = message.strip_prefix(&HEADER)?.strip_prefix(&id)?;
     Some([&HEADER, feedback].concat())
 }
 
-/// Returns the question for the result of a goal.
+/// Returns the request for the result of a goal.
 pub(crate) fn result_request(id: [u8; 16]) -> Vec<u8> {
     [&HEADER, &id[..]].concat()
 }
@@ -33,12 +33,12 @@ pub(crate) fn cancel_request(id: [u8; 16]) -> Vec<u8> {
     [&HEADER, &id[..], &TIME].concat()
 }
 
-/// Returns whether the value of an answer says that a goal is taken.
+/// Returns whether the value of an answer says that a goal is accepted.
 pub(crate) fn is_accepted(answer: &[u8]) -> bool {
     first(answer) == Some(1)
 }
 
-/// Returns what the value of an answer says about a request to cancel a goal.
+/// Returns the answer to a request to cancel a goal, from its value.
 pub(crate) fn cancel_answer(answer: &[u8]) -> CancelAnswer {
     match first(answer) {
         Some(0) => CancelAnswer::Accepted,
@@ -49,12 +49,12 @@ pub(crate) fn cancel_answer(answer: &[u8]) -> CancelAnswer {
     }
 }
 
-/// Returns whether a server does not know the goal to cancel: another server of the action may know it.
+/// Returns whether a server does not know the goal to cancel. Another server of the action may know it.
 pub(crate) fn cancels_unknown(answer: &[u8]) -> bool {
     cancel_answer(answer) == CancelAnswer::Unknown
 }
 
-/// Returns whether a server does not know the goal whose result was asked for: another server of the action may know it.
+/// Returns whether a server does not know the goal whose result was requested. Another server of the action may know it.
 pub(crate) fn is_unknown(answer: &[u8]) -> bool {
     first(answer) == Some(0)
 }
@@ -67,7 +67,7 @@ fn first(answer: &[u8]) -> Option<u8> {
 /// Returns the status and the message of the result in the value of an answer.
 ///
 /// # Errors
-/// It is not one.
+/// If the value is not such an answer.
 pub(crate) fn result(answer: &Schema, result: &Schema, bytes: &[u8]) -> Result<(i64, Vec<u8>), CdrError> {
     let message = value::message_in(bytes).ok_or(CdrError::End)?;
     let Value::Record(fields) = cdr::read(answer, message)? else { return Err(CdrError::Type) };
@@ -90,7 +90,7 @@ mod tests {
         library::schema(&TypeName::parse(name).unwrap()).unwrap()
     }
 
-    /// Wraps a message, and checks that the wrapped one has the type that it should have.
+    /// Wraps a message, and checks that the wrapped message has the expected type.
     fn check_goal<M: Message>(goal: &M, whole: &str) {
         let wrapped = with_id(ID, &goal.to_cdr().unwrap());
         let Value::Record(fields) = cdr::read(&schema(whole), &wrapped).unwrap() else { panic!("{whole}") };

@@ -1,19 +1,19 @@
-//! Calls that wait for an answer: those of a mission for a server of ROS 2, and those of clients of ROS 2 for a procedure.
+//! Calls that wait for an answer: calls of a mission to a server of ROS 2, and calls of clients of ROS 2 to a procedure.
 
 use comms::logic::object::ObjectError;
 use std::collections::{BTreeMap, VecDeque};
 use thiserror::Error;
 
-/// The most calls of one service that wait at one time.
+/// The largest number of waiting calls of one service.
 pub(crate) const WAITING_MAX: usize = 64;
 
-/// Why a call of a server of ROS 2 has no result.
+/// Why a call to a server of ROS 2 has no result.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub(crate) enum Failure {
-    /// It was not sent to any server.
+    /// The call was not sent to any server.
     #[error("no node of ROS 2 answers the service `{0}`")]
     NoServer(String),
-    /// Its server, or the way to it, is gone; or the server has dropped the call.
+    /// The server or the link to it is gone, or the server has dropped the call.
     #[error("the service `{0}` of ROS 2 was called, and its server has gone or has dropped the call")]
     Gone(String),
     /// The call or its answer is not valid, or the server refuses it.
@@ -35,7 +35,7 @@ impl From<Failure> for ObjectError {
 }
 
 impl Failure {
-    /// Returns the failure of a call that asks a node: only the node itself refuses.
+    /// Returns the error of a call to a node. Without a server the call is unanswered, because only the node itself can refuse it.
     pub(crate) fn of_node(self) -> ObjectError {
         match self {
             Self::NoServer(_) => ObjectError::Unanswered { reason: self.to_string() },
@@ -44,14 +44,14 @@ impl Failure {
     }
 }
 
-/// A call that was to be taken out.
+/// The result of an attempt to remove a call.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Taken<T> {
     /// The call.
     Call(T),
-    /// It stays, and waits for another answer.
+    /// The call stays, and waits for another answer.
     Waits,
-    /// It has its answer, or is no longer waited for.
+    /// The call has its answer, or its caller no longer waits.
     Over,
 }
 
@@ -72,7 +72,7 @@ impl<T> Replies<T> {
     /// Adds a call; returns its number.
     ///
     /// # Errors
-    /// Too many wait: the call is given back.
+    /// If too many calls wait; the call is returned.
     pub(crate) fn add(&mut self, call: T) -> Result<u64, T> {
         if self.waiting.len() >= WAITING_MAX {
             return Err(call);
@@ -82,12 +82,12 @@ impl<T> Replies<T> {
         Ok(self.last)
     }
 
-    /// Takes a call out; none if it has its answer, or is no longer waited for.
+    /// Removes a call; returns none if the call has its answer, or its caller no longer waits.
     pub(crate) fn take(&mut self, number: u64) -> Option<T> {
         self.waiting.remove(&number)
     }
 
-    /// Takes a call out, unless it waits for another answer.
+    /// Removes a call, unless it waits for another answer.
     pub(crate) fn take_unless(&mut self, number: u64, waits: impl Fn(&T) -> bool) -> Taken<T> {
         if self.waiting.get(&number).is_some_and(waits) {
             return Taken::Waits;
@@ -95,7 +95,7 @@ impl<T> Replies<T> {
         self.take(number).map_or(Taken::Over, Taken::Call)
     }
 
-    /// Forgets the calls whose callers wait no more; returns their number.
+    /// Removes the calls whose callers no longer wait; returns the number of these calls.
     pub(crate) fn forget(&mut self, is_wanted: impl Fn(&T) -> bool) -> u64 {
         let before = self.waiting.len();
         self.waiting.retain(|_, call| is_wanted(call));
@@ -103,7 +103,7 @@ impl<T> Replies<T> {
     }
 }
 
-/// Requests of clients of ROS 2: some wait for the loop, and others for the procedure.
+/// Requests of clients of ROS 2. Some wait for the loop, others for the procedure.
 #[derive(Debug)]
 pub(crate) struct Requests<T> {
     new: VecDeque<(u64, Vec<u8>)>,
@@ -120,7 +120,7 @@ impl<T> Requests<T> {
     /// Adds a request with its argument.
     ///
     /// # Errors
-    /// Too many wait: the request is given back.
+    /// If too many requests wait; the request is returned.
     pub(crate) fn add(&mut self, request: T, argument: Vec<u8>) -> Result<(), T> {
         let number = self.replies.add(request)?;
         self.new.push_back((number, argument));
@@ -132,7 +132,7 @@ impl<T> Requests<T> {
         self.new.pop_front()
     }
 
-    /// Takes a request out, which has its answer.
+    /// Removes a request that has its answer.
     pub(crate) fn take(&mut self, number: u64) -> Option<T> {
         self.replies.take(number)
     }

@@ -1,18 +1,18 @@
-//! A question that is asked again if it has no answer, with a pause that grows.
+//! A request that is repeated if it has no answer, after a pause that grows.
 
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// The pause before a question is asked for the second time. Each further pause is twice as long,
+/// The pause before a request is repeated for the first time. Each further pause is twice as long.
 const PAUSE_MIN: Duration = Duration::from_millis(200);
-/// and at most so long.
+/// The longest pause.
 const PAUSE_MAX: Duration = Duration::from_secs(5);
-/// The most doublings.
+/// The largest number of doublings.
 const DOUBLINGS_MAX: u32 = 5;
-/// A question that has waited so long was kept by a server: its failure begins a new count.
+/// If a request has waited this long, a server had accepted it. So its failure begins a new count.
 const KEPT_AFTER: Duration = Duration::from_secs(10);
 
-/// The state of a question.
+/// The state of a request.
 #[derive(Debug, Default)]
 pub(crate) struct Retry {
     asked: Option<Time>,
@@ -21,12 +21,12 @@ pub(crate) struct Retry {
 }
 
 impl Retry {
-    /// Takes note that the question was asked.
+    /// Records that the request was sent.
     pub(crate) fn asked(&mut self, now: Time) {
         (self.asked, self.due) = (Some(now), None);
     }
 
-    /// Takes note that the question has no answer; returns how often this was so in a row.
+    /// Records that the request has no answer; returns how often this has happened in a row.
     pub(crate) fn failed(&mut self, now: Time) -> u32 {
         let is_kept = self.asked.is_some_and(|asked| now >= asked + KEPT_AFTER);
         self.failures = if is_kept { 1 } else { self.failures.saturating_add(1) };
@@ -35,7 +35,7 @@ impl Retry {
         self.failures
     }
 
-    /// Returns whether the question is to be asked again now.
+    /// Returns whether the request has to be repeated now.
     pub(crate) fn is_due(&self, now: Time) -> bool {
         self.due.is_some_and(|due| now >= due)
     }

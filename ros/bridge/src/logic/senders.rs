@@ -3,12 +3,12 @@
 use ros::logic::attachment::{Attachment, Gid};
 use std::collections::BTreeMap;
 
-/// The most publishers that are known at one time. A forgotten publisher counts as new when it sends again.
+/// The largest number of publishers that are known at one time. If a forgotten publisher sends again, it counts as new.
 const SENDERS_MAX: usize = 256;
-/// The largest gap that counts as a loss. A larger one means that the publisher was started again, or sends nonsense.
+/// The largest gap that counts as a loss. A larger gap means that the publisher was restarted or sends nonsense.
 const GAP_MAX: i64 = 1_000_000;
 
-/// By publisher, the number of its last message, and when it came among all messages.
+/// For each publisher, the number of its last message, and the position of this message among all messages.
 #[derive(Debug, Default)]
 pub(crate) struct Senders {
     last: BTreeMap<Gid, (i64, u64)>,
@@ -16,7 +16,7 @@ pub(crate) struct Senders {
 }
 
 impl Senders {
-    /// Takes note of a message; returns how many messages of its sender are missing before it.
+    /// Records a message; returns how many messages of its sender are missing before it.
     pub(crate) fn hear(&mut self, message: &Attachment) -> u64 {
         self.heard += 1;
         let before = self.last.insert(message.sender, (message.sequence, self.heard));

@@ -1,11 +1,11 @@
-//! Values of wires and messages of ROS 2: the bytes of CDR, on a wire with their length in front.
+//! Values of wires and messages of ROS 2. Both are CDR bytes. A value on a wire has its length before the bytes.
 
 use comms::logic::decode::Source;
 
-/// The most bytes of a length.
+/// The largest size of a length, in bytes.
 const LENGTH_MAX: usize = 10;
 
-/// Returns the value of a wire for a message.
+/// Returns the value of a wire that carries a message.
 pub(crate) fn of_message(message: &[u8]) -> Vec<u8> {
     let mut length = [0; LENGTH_MAX];
     let length = postcard::to_slice(&message.len(), &mut length).expect("a length has at most ten bytes");
@@ -15,13 +15,13 @@ pub(crate) fn of_message(message: &[u8]) -> Vec<u8> {
     value
 }
 
-/// Returns the message in the value of a wire; none if its length is another one.
+/// Returns the message in the value of a wire; none if the length in front is wrong.
 pub(crate) fn message_in(value: &[u8]) -> Option<&[u8]> {
     let (length, message) = postcard::take_from_bytes::<usize>(value).ok()?;
     (message.len() == length).then_some(message)
 }
 
-/// Returns the message in a value that can only be copied; none if its length is another one.
+/// Returns the message in a value that can only be copied; none if the length in front is wrong.
 pub(crate) fn message_of(source: &mut dyn Source) -> Option<Vec<u8>> {
     let mut length = Vec::with_capacity(LENGTH_MAX);
     while length.last().is_none_or(|last| last & 0x80 != 0) {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
-/// The parts of the keys of the action, behind its name.
+/// The parts of the action's keys after its name.
 const SEND: &str = "send_goal/example_interfaces::action::dds_::Fibonacci_SendGoal_/RIHS01_d1a57fb2a4afe8c21e34fb10db206f16ce6729b28531141472df92277c55b557";
 const RESULT: &str = "get_result/example_interfaces::action::dds_::Fibonacci_GetResult_/RIHS01_1b0de0d5d29dc955d92f546706568428632771db13ec84c15ec1c1a59f424a57";
 const CANCEL: &str = "cancel_goal/action_msgs::srv::dds_::CancelGoal_/RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbeb8689a";
@@ -21,28 +21,28 @@ fn key(part: &str) -> String {
     format!("7/arm/fib/_action/{part}")
 }
 
-/// The CDR of a sequence of two numbers, behind the bytes in front of it.
+/// Returns the CDR of a sequence of two numbers, after the bytes `front`.
 fn sequence(front: &[u8]) -> Vec<u8> {
     [&[0, 1, 0, 0], front, &[2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]].concat()
 }
 
-/// The answer to the question for the result: its status, then the sequence at its place.
+/// Returns the answer to the request for the result: its status, then the sequence.
 fn result(status: u8) -> Vec<u8> {
     sequence(&[status, 0, 0, 0])
 }
 
-/// The answer to a goal: taken or not, and the time.
+/// Returns the answer to a goal: whether it is accepted, and the time.
 fn taken(is_taken: bool) -> Vec<u8> {
     [&[0, 1, 0, 0, u8::from(is_taken), 0, 0, 0][..], &[0; 8]].concat()
 }
 
-/// The answer to a request to cancel: yes, and no list.
+/// The answer to a request to cancel: accepted, with an empty list.
 const CANCELING: [u8; 12] = [0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-/// The same: no, and the goal is not known.
+/// Answers to the same request: refused, and the goal is unknown.
 const REFUSING: [u8; 12] = [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0];
 const UNKNOWN: [u8; 12] = [0, 1, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0];
 
-/// A server that hands its queries over.
+/// A server that hands over its queries.
 struct Server {
     node: Session,
     _services: [Queryable<()>; 3],
@@ -59,7 +59,7 @@ impl Server {
     }
 }
 
-/// An action that has its goal.
+/// Returns an action with a goal.
 fn started(router: &Router) -> Bridge {
     let mut action = idle(router);
     action.start_with(&value(&GOAL)).unwrap();
@@ -71,7 +71,7 @@ fn idle(router: &Router) -> Bridge {
     Bridge::of("main/nav", "RosAction", &arguments.map(str::to_owned), &router.setting())
 }
 
-/// Waits for the goal, and takes it; returns its id.
+/// Waits for the goal and accepts it; returns its id.
 fn take(action: &mut Bridge, server: &Server) -> [u8; 16] {
     let query = action.until(|| server.sent.try_recv().ok());
     let request = query.payload().unwrap().to_bytes().into_owned();
@@ -100,7 +100,7 @@ fn a_goal_has_feedback_and_a_result() {
     assert_eq!(action.ended(), Progress::Done(value(&sequence(&[]))));
     assert_eq!(action.stop_once(), Stopping::Finished);
     assert!(server.canceled.try_recv().is_err());
-    // The next goal is another one.
+    // The next goal has another id.
     action.start_with(&value(&GOAL)).unwrap();
     assert_ne!(take(&mut action, &server), id);
 }
@@ -167,7 +167,7 @@ fn a_goal_that_may_go_on_is_told() {
     }
 }
 
-/// The process ends, and its goal with it.
+/// The process ends, and its goal is canceled.
 #[test]
 fn a_result_that_is_not_the_end_of_a_goal_cancels_it() {
     let router = Router::new();
@@ -195,7 +195,7 @@ fn a_result_that_is_not_the_end_of_a_goal_cancels_it() {
     }
 }
 
-/// Each of two servers of one action is asked, and only one has the goal.
+/// Both servers of one action get the requests, and only one of them has the goal.
 #[test]
 fn a_server_that_does_not_know_the_goal_does_not_end_it() {
     let router = Router::new();
@@ -210,7 +210,7 @@ fn a_server_that_does_not_know_the_goal_does_not_end_it() {
     reply(&query, &result(4));
     drop(query);
     assert_eq!(action.ended(), Progress::Done(value(&sequence(&[]))));
-    // None of them knows it.
+    // None of the servers knows the goal.
     action.start_with(&value(&GOAL)).unwrap();
     reply(&action.until(|| other.sent.try_recv().ok()), &taken(true));
     take(&mut action, &server);
@@ -253,7 +253,7 @@ fn a_result_is_asked_for_again_and_late_answers_are_nothing() {
     drop(action.until(|| server.asked.try_recv().ok()));
     let late = action.until(|| server.asked.try_recv().ok());
     assert_eq!(action.calculate_after(Duration::ZERO), Progress::Continue);
-    // The process is stopped, and the server answers after its end.
+    // The process is stopped, and the server answers after the end of the process.
     assert_eq!(action.stop_once(), Stopping::Again);
     action.start_with(&value(&GOAL)).unwrap();
     late.reply(late.key_expr().clone(), result(6)).wait().unwrap();

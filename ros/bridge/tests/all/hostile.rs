@@ -1,4 +1,4 @@
-//! Peers that send nonsense: nothing ends, and all of it is counted.
+//! Peers that send nonsense: the bridge continues, and counts all of it.
 
 use super::peer::{Bridge, Router, SOON, STRING, attachment, expect_reader, string, value};
 use zenoh::Wait;
@@ -31,7 +31,7 @@ fn nonsense_is_counted_and_the_next_message_passes() {
         node.put(&key, other).attachment(&whole[..]).wait().unwrap();
         count += 1;
     }
-    // Other types and other hashes are other keys.
+    // Messages with other types and other hashes have other keys.
     node.put("7/chatter/std_msgs::msg::dds_::String_/RIHS01_00", &message[..]).attachment(&whole[..]).wait().unwrap();
     node.put("7/chatter/std_msgs::msg::dds_::Bool_/RIHS01_00", &message[..]).attachment(&whole[..]).wait().unwrap();
     node.put(&key, &message[..]).attachment(&whole[..]).wait().unwrap();
@@ -40,7 +40,7 @@ fn nonsense_is_counted_and_the_next_message_passes() {
     bridge.expect_signal("/chatter received", 1.0);
 }
 
-/// Neither its values nor its token end anything; both nodes are told of.
+/// Neither its values nor its token end anything, and both nodes are reported.
 #[test]
 fn a_topic_whose_type_changes_is_told_and_counted() {
     let router = Router::new();
@@ -66,16 +66,16 @@ fn a_topic_whose_type_changes_is_told_and_counted() {
     drop(same);
 }
 
-/// The publishers of one process.
+/// The number of publishers of one process.
 const PUBLISHERS: usize = 50;
 
-/// Shows so many publishers and a node with a long name, and sends a message beside them.
+/// Declares `count` publishers and a node with a long name, and sends a message in addition.
 fn check_tokens(count: usize) {
     let router = Router::new();
     let node = router.node();
     let tokens: Vec<_> = (0..count)
         .map(|number| {
-            // As many processes as a large network has, each with some publishers.
+            // There are as many processes as in a large network, each with some publishers.
             let (process, publisher) = (number / PUBLISHERS, number % PUBLISHERS);
             format!(
                 "@ros2_lv/7/{process:x}/0/{publisher}/MP/%/%/n/%chatter/{}/::,:,:,:,,",
@@ -86,13 +86,13 @@ fn check_tokens(count: usize) {
         .map(|key| node.liveliness().declare_token(key).wait().expect("Zenoh takes any key"))
         .collect();
     let mut bridge = Bridge::new("</chatter std_msgs/msg/String ::,10:,:,:,,", &router);
-    // A limited number of them is known.
+    // The bridge only knows a limited number of them.
     bridge.expect_signal("/chatter of other types", if count > 1000 { 1000.0 } else { 50.0 });
     let key = format!("7/chatter/{STRING}");
     expect_reader(&node, &key);
     let put = node.put(key, string("a")).attachment(attachment(1, 1));
     put.wait().expect("the router is there");
-    // The message is behind all the tokens.
+    // The message arrives after all the tokens.
     assert_eq!(bridge.sent_within(1, 4 * SOON).values, [("chatter", value(&string("a")))]);
     drop(tokens);
 }

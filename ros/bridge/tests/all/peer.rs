@@ -1,6 +1,6 @@
-//! A router of ROS 2, a node on it, and a bridge without a mission around it.
+//! A router of ROS 2, a node on it, and a bridge without a mission.
 //!
-//! The node has keys, tokens and attachments of its own, written down from the rules and not made by the code under test.
+//! The node has its own keys, tokens and attachments. They are written down from the rules, and not made by the code under test.
 
 use comms::logic::object::ObjectError;
 use comms::logic::time::Time;
@@ -13,13 +13,13 @@ use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
-/// How long anything may take on a busy machine.
+/// The time limit of any step on a busy machine.
 pub(crate) const SOON: Duration = Duration::from_secs(30);
-/// The key of a topic of strings behind its name.
+/// The part of a string topic's key after its name.
 pub(crate) const STRING: &str =
     "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
 
-/// A router on a port of its own.
+/// A router with its own port.
 pub(crate) struct Router {
     session: Session,
 }
@@ -39,12 +39,12 @@ impl Router {
         all.iter().map(ToString::to_string).find(|one| one.starts_with("tcp/127.0.0.1:")).expect("the router listens")
     }
 
-    /// Returns the setting that leads to it.
+    /// Returns the setting that makes a session connect to this router.
     pub(crate) fn setting(&self) -> String {
         format!("connect/endpoints=[\"{}\"]", self.locator())
     }
 
-    /// Returns the session of a node on it.
+    /// Returns the session of a node that is connected to this router.
     pub(crate) fn node(&self) -> Session {
         let connect = format!("[\"{}\"]", self.locator());
         open(&[("mode", "\"client\""), ("connect/endpoints", &connect), ("timestamping/enabled", "true")])
@@ -89,7 +89,7 @@ pub(crate) fn value_of(message: &[u8]) -> Vec<u8> {
     [&postcard::to_stdvec(&message.len()).expect("a peer of a test")[..], message].concat()
 }
 
-/// Waits until messages of a node on a key have a reader.
+/// Waits until there is a reader for messages of a node on a key.
 pub(crate) fn expect_reader(node: &Session, key: &str) {
     let publisher = node.declare_publisher(key.to_owned()).wait().expect("a peer of a test");
     let (until, pause) = (comms::io::clock::now() + SOON, comms::io::clock::Wakeup::default());
@@ -99,7 +99,7 @@ pub(crate) fn expect_reader(node: &Session, key: &str) {
     }
 }
 
-/// Serves a key, and hands the queries over.
+/// Serves a key, and hands over the queries.
 pub(crate) fn serve(node: &Session, key: String) -> (Queryable<()>, Receiver<Query>) {
     let (tx, rx) = sync_channel(100);
     let hear = move |query| drop(tx.try_send(query));
@@ -112,14 +112,14 @@ pub(crate) fn reply(query: &Query, response: &[u8]) {
     query.reply(query.key_expr().clone(), response).attachment(told).wait().expect("a peer of a test");
 }
 
-/// Hears samples on a key.
+/// Receives samples on a key.
 pub(crate) fn hear(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber<()>, Receiver<Sample>) {
     let (tx, rx) = sync_channel(4096);
     let subscriber = session.declare_subscriber(key.to_owned()).callback(move |sample| drop(tx.try_send(sample)));
     (subscriber.wait().expect("a peer of a test"), rx)
 }
 
-/// Hears tokens that come and go, also those that are there.
+/// Receives the tokens that appear and vanish, including the existing ones.
 pub(crate) fn tokens(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber<()>, Receiver<(SampleKind, String)>) {
     let (tx, rx) = sync_channel(4096);
     let told = move |sample: Sample| drop(tx.try_send((sample.kind(), sample.key_expr().to_string())));
@@ -131,11 +131,11 @@ pub(crate) fn tokens(session: &Session, key: &str) -> (zenoh::pubsub::Subscriber
 pub(crate) struct Bridge {
     module: Box<dyn Module>,
     woken: Receiver<()>,
-    /// Whether the callers wait no more.
+    /// Whether the callers no longer wait.
     given_up: Arc<AtomicBool>,
 }
 
-/// The values for wires, and how many numbers are left out.
+/// The values for wires, and the number of skipped values.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sent {
     pub(crate) values: Vec<(&'static str, Vec<u8>)>,
@@ -162,7 +162,7 @@ impl Bridge {
         Self::of("main/ros", "RosBridge", &[format!("routes={routes}")], settings)
     }
 
-    /// Returns a program of the room that does not run.
+    /// Returns another program of this crate that does not run.
     pub(crate) fn of(path: &str, kind: &str, arguments: &[String], settings: &str) -> Self {
         let shared = [format!("settings={settings}"), "domain=7".to_owned()];
         let arguments = [arguments, &shared].concat();
@@ -187,24 +187,24 @@ impl Bridge {
         self.stop_once();
     }
 
-    /// Asks it to stop, as its loop does until it has finished.
+    /// Asks the bridge once to stop, like its loop.
     pub(crate) fn stop_once(&mut self) -> Stopping {
         self.module.stop(comms::io::clock::now())
     }
 
-    /// Returns what may go on after its stop, as its loop asks when the stop is over.
+    /// Returns what may go on after the stop, like the loop when the stop is over.
     pub(crate) fn unconfirmed(&mut self) -> Option<String> {
         self.module.unconfirmed()
     }
 
-    /// Waits until something that was done has woken its loop.
+    /// Waits until `act` has woken the loop of the bridge.
     pub(crate) fn woken_by(&mut self, act: impl FnOnce()) {
         while self.woken.try_recv().is_ok() {}
         act();
         self.woken.recv_timeout(SOON).expect("it is heard");
     }
 
-    /// Asks it to stop until it has finished.
+    /// Asks the bridge to stop until it has finished.
     pub(crate) fn stopped(&mut self) {
         let until = comms::io::clock::now() + SOON;
         while self.stop_once() == Stopping::Again {
@@ -213,7 +213,7 @@ impl Bridge {
         }
     }
 
-    /// Asks it to stop until something is there.
+    /// Asks the bridge to stop until `look` finds something.
     pub(crate) fn stopping_until<T>(&mut self, mut look: impl FnMut() -> Option<T>) -> T {
         let until = comms::io::clock::now() + SOON;
         loop {
@@ -226,17 +226,17 @@ impl Bridge {
         }
     }
 
-    /// Starts it with a value.
+    /// Starts the bridge with a value.
     pub(crate) fn start_with(&mut self, value: &[u8]) -> Result<(), String> {
         self.module.init(value, comms::io::clock::now())
     }
 
-    /// Calculates once, so long after the present.
+    /// Calculates once, at the present time plus `after`.
     pub(crate) fn calculate_after(&mut self, after: Duration) -> Progress {
         self.module.calculate(comms::io::clock::now() + after)
     }
 
-    /// Calculates until it ends.
+    /// Calculates until the program ends.
     pub(crate) fn ended(&mut self) -> Progress {
         let until = comms::io::clock::now() + SOON;
         loop {
@@ -248,7 +248,7 @@ impl Bridge {
         }
     }
 
-    /// Calculates until something is there.
+    /// Calculates until `look` finds something.
     pub(crate) fn until<T>(&mut self, mut look: impl FnMut() -> Option<T>) -> T {
         let until = comms::io::clock::now() + SOON;
         loop {
@@ -261,7 +261,7 @@ impl Bridge {
         }
     }
 
-    /// Hands a value over as a wire does.
+    /// Hands over a value like a wire.
     pub(crate) fn deliver(&mut self, port: &str, bytes: &[u8]) -> bool {
         self.module.deliver_from(port, &mut &*bytes, Time::ZERO).is_ok()
     }
@@ -278,14 +278,14 @@ impl Bridge {
         answer
     }
 
-    /// Waits for no answer to earlier calls any more.
+    /// Stops waiting for answers to earlier calls.
     pub(crate) fn give_up(&mut self) {
         self.given_up.store(true, Ordering::Release);
         self.given_up = Arc::default();
         self.module.calculate(Time::ZERO);
     }
 
-    /// Waits until so many calls of others are there: their names, numbers and arguments.
+    /// Waits until `count` calls of others have arrived: their names, numbers and arguments.
     pub(crate) fn asked(&mut self, count: usize) -> Vec<(&'static str, u64, Vec<u8>)> {
         let mut asked = Vec::new();
         loop {
@@ -305,12 +305,12 @@ impl Bridge {
         self.module.answered(call, number, result);
     }
 
-    /// Waits until so many values have gone to wires.
+    /// Waits until `count` values have gone to wires.
     pub(crate) fn sent(&mut self, count: usize) -> Sent {
         self.sent_within(count, SOON)
     }
 
-    /// Waits until so many values have gone to wires, for so long before each of them.
+    /// Waits until `count` values have gone to wires, at most `within` for each of them.
     pub(crate) fn sent_within(&mut self, count: usize, within: Duration) -> Sent {
         let mut sent = Sent::default();
         self.module.drain_to(&mut sent);

@@ -1,4 +1,4 @@
-//! Services: calls of a mission that a node of ROS 2 answers, and calls of nodes that a procedure answers.
+//! Services: calls of a mission that a node of ROS 2 answers, and calls of nodes of ROS 2 that a procedure answers.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -11,17 +11,17 @@ use zenoh::{Session, Wait};
 
 const CALL: &str = "?/robot1/reset std_srvs/srv/Trigger ::,10:,:,:,,";
 const SERVE: &str = "!/robot1/reset std_srvs/srv/Trigger ::,10:,:,:,,";
-/// The key of the service behind its name.
+/// The part of the service's key after its name.
 const TRIGGER: &str =
     "std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f";
-/// A request without fields has a byte.
+/// A request without fields is one byte.
 const REQUEST: [u8; 5] = [0, 1, 0, 0, 0];
 
 fn key() -> String {
     format!("7/robot1/reset/{TRIGGER}")
 }
 
-/// A response: success, and a text.
+/// Returns a response with success and a text.
 fn response(text: &str) -> Vec<u8> {
     let mut bytes = vec![0, 1, 0, 0, 1, 0, 0, 0];
     bytes.extend((u32::try_from(text.len()).unwrap() + 1).to_le_bytes());
@@ -61,7 +61,7 @@ fn a_call_has_the_answer_of_a_server() {
     assert_eq!(told, rule);
     reply(&query, &response("done"));
     assert_eq!(answer.recv_timeout(SOON).unwrap(), Ok(value(&response("done"))));
-    // Several calls wait at one time, and have their answers in any order.
+    // Several calls wait at the same time, and get their answers in any order.
     let answers = ["a", "b"].map(|_| bridge.call("robot1.reset", &value(&REQUEST)));
     let queries = [0; 2].map(|_| queries.recv_timeout(SOON).unwrap());
     let number = |query: &Query| query.attachment().unwrap().to_bytes()[0];
@@ -81,7 +81,7 @@ fn a_call_without_an_answer_ends() {
     let mut bridge = Bridge::new(CALL, &router);
     let why = loop {
         match bridge.call("robot1.reset", &value(&REQUEST)).recv_timeout(SOON).unwrap() {
-            // Until it knows which servers there are, there may have been one.
+            // Until the bridge knows the servers, there may have been one.
             Err(ObjectError::Unanswered { .. }) => {}
             Err(why) => break why.to_string(),
             Ok(answer) => panic!("nothing answers: {answer:?}"),
@@ -119,7 +119,7 @@ fn what_is_no_response_is_refused() {
         let why = answer.recv_timeout(SOON).unwrap().unwrap_err().to_string();
         assert!(why.starts_with("the service was called, and its response is refused"), "{why}");
     }
-    // An answer bears the number of its request, and the name of the client.
+    // An answer contains the number of its request and the name of the client.
     for (attachment, end) in [
         (None, "it has no attachment, or one of another form"),
         (Some(vec![0; 32]), "it has no attachment, or one of another form"),
@@ -160,7 +160,7 @@ fn an_answer_that_is_not_waited_for_is_dropped() {
     assert_eq!(answer.recv_timeout(SOON).unwrap(), Ok(value(&response("second"))));
 }
 
-/// Calls as a client of ROS 2 does; the replies come one after the other.
+/// Calls like a client of ROS 2; the replies arrive one after the other.
 fn ask(node: &Session, request: &[u8], attachment: Option<Vec<u8>>) -> Receiver<zenoh::query::Reply> {
     let (tx, rx) = sync_channel(8);
     let get = node.get(key()).payload(request.to_vec()).target(QueryTarget::AllComplete);
@@ -169,7 +169,7 @@ fn ask(node: &Session, request: &[u8], attachment: Option<Vec<u8>>) -> Receiver<
     rx
 }
 
-/// Waits until calls of the client have a server.
+/// Waits until there is a server for the calls of the client.
 fn expect_server(node: &Session) {
     let querier = node.declare_querier(key()).target(QueryTarget::AllComplete).wait().unwrap();
     let (until, pause) = (comms::io::clock::now() + SOON, comms::io::clock::Wakeup::default());
@@ -246,7 +246,7 @@ fn a_request_without_an_answer_is_told() {
     }
 }
 
-/// Names of topics and services are apart in keys.
+/// Topics and services with the same name have different keys.
 #[test]
 fn topics_and_services_are_carried_together() {
     let router = Router::new();

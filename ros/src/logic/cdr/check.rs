@@ -1,13 +1,13 @@
-//! Checks bytes against a type without making a value of them.
+//! Checks bytes against a type without making a value.
 
 use super::{CdrError, Reader};
 use crate::logic::definition::{Count, Element, Field, Primitive};
 use crate::logic::schema::{Schema, Struct};
 
-/// Checks that the bytes are a value of this type. Needs no memory, and lists of numbers take no time.
+/// Checks that the bytes are a value of this type. This needs no memory, and lists of numbers take no time.
 ///
 /// # Errors
-/// The bytes are not a value of this type, or more than padding follows.
+/// If the bytes are not a value of this type, or more bytes follow than padding.
 pub fn check(schema: &Schema, bytes: &[u8]) -> Result<(), CdrError> {
     Walk { schema, is_finite: None }.whole(bytes).map(drop)
 }
@@ -15,15 +15,15 @@ pub fn check(schema: &Schema, bytes: &[u8]) -> Result<(), CdrError> {
 /// Checks that the bytes are a value of this type, and returns whether every number in it is finite.
 ///
 /// # Errors
-/// As of [`check`].
+/// As in [`check`].
 pub fn is_finite(schema: &Schema, bytes: &[u8]) -> Result<bool, CdrError> {
     Walk { schema, is_finite: Some(true) }.whole(bytes).map(|found| found == Some(true))
 }
 
-/// A walk over a value.
+/// A pass over a value.
 struct Walk<'a> {
     schema: &'a Schema,
-    /// Whether all floats so far are finite; none if they are not looked at.
+    /// Whether all floats so far are finite; none if floats are not checked.
     is_finite: Option<bool>,
 }
 
@@ -37,7 +37,7 @@ impl Walk<'_> {
 
     fn record(&mut self, of: &Struct, reader: &mut Reader<'_>) -> Result<(), CdrError> {
         if of.fields.is_empty() {
-            // It has a byte, which means nothing.
+            // The message has one byte, which has no meaning.
             reader.number::<1>()?;
         }
         of.fields.iter().try_for_each(|one| self.field(one, reader))
@@ -58,7 +58,7 @@ impl Walk<'_> {
         };
         match &of.element {
             Element::Primitive(Primitive::Bool) => (0..count).try_for_each(|_| reader.truth().map(drop)),
-            // Any bytes are numbers.
+            // Any bytes are valid numbers.
             Element::Primitive(of) => {
                 let bytes = reader.numbers(count, of.size())?;
                 self.is_finite = self.is_finite.map(|is_finite| is_finite && are_finite(*of, bytes));
@@ -76,7 +76,7 @@ impl Walk<'_> {
     }
 }
 
-/// Returns whether numbers of this type, one after the other, are finite.
+/// Returns whether the numbers of this type in `bytes` are finite.
 pub fn are_finite(of: Primitive, bytes: &[u8]) -> bool {
     match of {
         Primitive::F32 => bytes.as_chunks().0.iter().all(|one| f32::from_le_bytes(*one).is_finite()),
@@ -150,7 +150,7 @@ mod tests {
         };
         assert!(finite("std_msgs/Float32MultiArray", floats(2.0)));
         assert!(!finite("std_msgs/Float32MultiArray", floats(f32::NEG_INFINITY)));
-        // The bytes of an infinite float are a whole number.
+        // The bytes of an infinite float are a valid whole number.
         assert!(finite("std_msgs/UInt32", Value::Record(vec![Value::Unsigned(f32::INFINITY.to_bits().into())])));
     }
 }

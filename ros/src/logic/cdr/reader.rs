@@ -1,4 +1,4 @@
-//! Takes values off the beginning of bytes.
+//! Reads values from the beginning of bytes.
 
 use super::{CdrError, HEADER, PADDING_MAX};
 
@@ -14,13 +14,13 @@ impl<'a> Reader<'a> {
     /// Returns a reader of the value in `bytes`.
     ///
     /// # Errors
-    /// The bytes do not begin as CDR in little endian does. The last two bytes of the header are options, which are ignored.
+    /// If the bytes do not begin with the header of CDR in little endian. The last two bytes of the header are options, which are ignored.
     pub fn new(bytes: &'a [u8]) -> Result<Self, CdrError> {
         let (header, body) = bytes.split_at_checked(HEADER.len()).ok_or(CdrError::Header)?;
         if header[..2] == HEADER[..2] { Ok(Self { body, at: 0 }) } else { Err(CdrError::Header) }
     }
 
-    /// Returns the number of bytes that are left.
+    /// Returns the number of remaining bytes.
     pub fn left(&self) -> usize {
         self.body.len().saturating_sub(self.at)
     }
@@ -28,7 +28,7 @@ impl<'a> Reader<'a> {
     /// Checks that the value ends here.
     ///
     /// # Errors
-    /// More bytes follow than padding.
+    /// If more bytes follow than padding.
     pub fn end(&self) -> Result<(), CdrError> {
         if self.left() <= PADDING_MAX { Ok(()) } else { Err(CdrError::Rest(self.left())) }
     }
@@ -36,7 +36,7 @@ impl<'a> Reader<'a> {
     /// Takes the `N` bytes of a number.
     ///
     /// # Errors
-    /// There are not so many bytes.
+    /// If there are fewer bytes.
     pub fn number<const N: usize>(&mut self) -> Result<[u8; N], CdrError> {
         self.at = self.at.next_multiple_of(N);
         let (number, _) = self.body.get(self.at..).and_then(|rest| rest.split_first_chunk()).ok_or(CdrError::End)?;
@@ -44,20 +44,20 @@ impl<'a> Reader<'a> {
         Ok(*number)
     }
 
-    /// Takes so many bytes.
+    /// Takes `count` bytes.
     ///
     /// # Errors
-    /// There are not so many.
+    /// If there are fewer bytes.
     pub fn bytes(&mut self, count: usize) -> Result<&'a [u8], CdrError> {
         let (bytes, _) = self.body.get(self.at..).and_then(|rest| rest.split_at_checked(count)).ok_or(CdrError::End)?;
         self.at += count;
         Ok(bytes)
     }
 
-    /// Takes so many numbers of `size` bytes each, the first one at a multiple of its size.
+    /// Takes `count` numbers of `size` bytes each. The first one begins at a multiple of its size.
     ///
     /// # Errors
-    /// There are not so many.
+    /// If there are fewer bytes.
     pub fn numbers(&mut self, count: usize, size: usize) -> Result<&'a [u8], CdrError> {
         if count > 0 {
             self.at = self.at.next_multiple_of(size.max(1));
@@ -68,7 +68,7 @@ impl<'a> Reader<'a> {
     /// Takes a truth value.
     ///
     /// # Errors
-    /// It is neither 0 nor 1.
+    /// If the byte is neither 0 nor 1.
     pub fn truth(&mut self) -> Result<bool, CdrError> {
         match self.number()? {
             [0] => Ok(false),
@@ -77,10 +77,10 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Takes a text. Its length counts the zero byte behind it; some peers send an empty text without that.
+    /// Takes a text. Its length includes the zero byte at its end; some peers send an empty text without this byte.
     ///
     /// # Errors
-    /// It is not UTF-8, or has a zero byte in it.
+    /// If the text is not UTF-8, or contains a zero byte.
     pub fn text(&mut self) -> Result<&'a str, CdrError> {
         let length = self.length()?;
         let bytes = self.bytes(length)?;
@@ -98,17 +98,17 @@ impl<'a> Reader<'a> {
     /// Takes the number of elements of a list.
     ///
     /// # Errors
-    /// So many elements of at least `size_min` bytes cannot follow.
+    /// If `count` elements of at least `size_min` bytes do not fit into the remaining bytes.
     pub fn count(&mut self, size_min: usize) -> Result<usize, CdrError> {
         let count = self.length()?;
         self.fits(count, size_min)?;
         Ok(count)
     }
 
-    /// Checks that so many elements of at least `size_min` bytes can follow.
+    /// Checks that `count` elements of at least `size_min` bytes fit into the remaining bytes.
     ///
     /// # Errors
-    /// They cannot.
+    /// If they do not fit.
     pub fn fits(&self, count: usize, size_min: usize) -> Result<(), CdrError> {
         if count.saturating_mul(size_min) <= self.left() { Ok(()) } else { Err(CdrError::End) }
     }

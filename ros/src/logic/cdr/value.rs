@@ -11,7 +11,7 @@ pub enum Value {
     Truth(bool),
     /// A whole number with a sign.
     Signed(i64),
-    /// A whole number without a sign; `byte` is one.
+    /// A whole number without a sign, such as a `byte`.
     Unsigned(u64),
     /// `float32`.
     Single(f32),
@@ -30,7 +30,7 @@ pub enum Value {
 /// Returns the value in `bytes`.
 ///
 /// # Errors
-/// The bytes are not a value of this type, or more than padding follows.
+/// If the bytes are not a value of this type, or more bytes follow than padding.
 pub fn read(schema: &Schema, bytes: &[u8]) -> Result<Value, CdrError> {
     let mut reader = Reader::new(bytes)?;
     let value = record(schema, schema.root(), &mut reader)?;
@@ -41,7 +41,7 @@ pub fn read(schema: &Schema, bytes: &[u8]) -> Result<Value, CdrError> {
 /// Returns the bytes of a value, with their header.
 ///
 /// # Errors
-/// The value is not of this type.
+/// If the value is not of this type.
 pub fn write(schema: &Schema, value: &Value) -> Result<Vec<u8>, CdrError> {
     let mut writer = Writer::default();
     write_record(schema, schema.root(), value, &mut writer)?;
@@ -50,7 +50,7 @@ pub fn write(schema: &Schema, value: &Value) -> Result<Vec<u8>, CdrError> {
 
 fn record(schema: &Schema, of: &Struct, reader: &mut Reader<'_>) -> Result<Value, CdrError> {
     if of.fields.is_empty() {
-        // It has a byte, which means nothing.
+        // The message has one byte, which has no meaning.
         reader.number::<1>()?;
     }
     let values = of.fields.iter().map(|one| field(schema, one, reader));
@@ -131,7 +131,7 @@ fn write_field(schema: &Schema, of: &Field<usize>, value: &Value, writer: &mut W
     values.iter().try_for_each(|value| write_element(schema, &of.element, value, writer))
 }
 
-/// Writes the number of elements, unless the type says it.
+/// Writes the number of elements, unless the type fixes it.
 fn write_count(of: Count, count: usize, writer: &mut Writer) -> Result<(), CdrError> {
     match of {
         Count::Array(size) if size != count => Err(CdrError::Type),
@@ -151,7 +151,7 @@ fn write_element(schema: &Schema, of: &Element<usize>, value: &Value, writer: &m
     }
 }
 
-/// Writes a whole number as one of another size.
+/// Writes a whole number with another size.
 macro_rules! whole {
     ($writer:ident, $number:ident as $of:ty) => {
         $writer.number(<$of>::try_from(*$number).map_err(|_large| CdrError::Type)?.to_le_bytes())

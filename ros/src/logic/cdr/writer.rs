@@ -2,7 +2,7 @@
 
 use super::{CdrError, HEADER};
 
-/// Writes a value behind the header of CDR.
+/// Writes a value after the header of CDR.
 #[derive(Debug)]
 pub struct Writer {
     bytes: Vec<u8>,
@@ -27,7 +27,8 @@ impl Writer {
         self.bytes.extend_from_slice(&number);
     }
 
-    /// Makes room for so many numbers of `size` bytes each, the first one at a multiple of its size. Returns their bytes, which are 0.
+    /// Makes room for `count` numbers of `size` bytes each. The first one begins at a multiple of its size. Returns their bytes, which are
+    /// 0.
     pub fn numbers(&mut self, count: usize, size: usize) -> &mut [u8] {
         let at = self.bytes.len() - HEADER.len();
         let start = if count > 0 { at.next_multiple_of(size.max(1)) + HEADER.len() } else { self.bytes.len() };
@@ -43,7 +44,7 @@ impl Writer {
     /// Writes a text, with its length and a zero byte.
     ///
     /// # Errors
-    /// The text has a zero byte in it, which would end it at the reader, or it is longer than a length can say.
+    /// If the text contains a zero byte, which would end it for the reader, or if it is too long for the length field.
     pub fn text(&mut self, text: &str) -> Result<(), CdrError> {
         if text.contains('\0') {
             return Err(CdrError::Text);
@@ -57,7 +58,7 @@ impl Writer {
     /// Writes the number of elements of a list.
     ///
     /// # Errors
-    /// There are more than a length can say.
+    /// If the number is too large for the length field.
     pub fn count(&mut self, count: usize) -> Result<(), CdrError> {
         let count = u32::try_from(count).map_err(|_large| CdrError::Long(count))?;
         self.number(count.to_le_bytes());

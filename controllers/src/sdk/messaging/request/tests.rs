@@ -22,7 +22,7 @@ fn at(ms: u64) -> Time {
     Time::ZERO + Duration::from_millis(ms)
 }
 
-/// Doubles what it is asked, one question in a calculation, and tells who has asked.
+/// Doubles the numbers that it is asked, one question per calculation, and records the senders.
 struct Server {
     questions: Queue<Number>,
     replier: Replier<Number>,
@@ -70,13 +70,13 @@ impl Client {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Line {
     Good,
-    /// It arrives, and its receipt is lost.
+    /// The call arrives, and its receipt is lost.
     LosesReceipts,
-    /// It does not arrive.
+    /// The call does not arrive.
     Cut,
 }
 
-/// Serves one call at once; returns its answer as the caller hears it.
+/// Serves one call at once; returns its answer as the caller gets it.
 fn carry<C: 'static>(
     exports: &Exports<C>,
     at: &mut C,
@@ -93,7 +93,7 @@ fn carry<C: 'static>(
     if line == Line::LosesReceipts { Err(ObjectError::Gone) } else { answered }
 }
 
-/// One step of everybody: who asks, and the lines in both directions.
+/// One step: the client, whether it asks, and the lines in both directions.
 type Step = (usize, bool, u8, u8);
 
 fn line(number: u8) -> Line {
@@ -131,8 +131,8 @@ fn clients() -> Vec<Client> {
 }
 
 proptest! {
-    /// Compared with a list of all requests: each ends once and no later than its deadline and a turn; an answer
-    /// belongs to its own question and goes to its caller; a refused request was not carried out, and nothing is
+    /// Compared with a list of all requests: each request ends once, at the latest one turn after its deadline. An
+    /// answer belongs to its own question and goes to its caller. A refused request was not carried out, and nothing is
     /// carried out twice, with any losses of the lines.
     #[test]
     fn each_request_has_its_own_answer_or_one_reason(
@@ -141,7 +141,7 @@ proptest! {
         capacity in 1_usize..5,
     ) {
         let (mut server, mut all_clients) = (Server::new(capacity), clients());
-        // By client and marker: the question, until when, and whether it has ended.
+        // By client and marker: the question, its deadline, and whether it has ended.
         let mut all: BTreeMap<(usize, u64), (u64, Time, bool)> = BTreeMap::new();
         let (mut rejected, mut asked) = (BTreeSet::new(), 0);
         let rest: Vec<Step> = vec![(0, false, 7, 7); 60];
@@ -186,7 +186,7 @@ proptest! {
     }
 }
 
-/// Each reason for a missing answer, and the party that hears it.
+/// Each reason for a missing answer, and the party that gets it.
 #[test]
 fn the_reasons_are_told_apart() {
     let within = Duration::from_millis(100);
@@ -204,7 +204,7 @@ fn the_reasons_are_told_apart() {
     assert_eq!(first(Line::Good, 4, 0).unwrap().data, Number(2));
     assert_eq!(first(Line::Cut, 4, 0), Err(RequestFailure::Gone));
     assert_eq!(first(Line::Good, 1, 1), Err(RequestFailure::Rejected(Rejected::Full { capacity: 1 })));
-    // Nobody takes the questions.
+    // The server does not take the questions.
     let (mut server, mut clients) = (Server::new(1), clients());
     let client = &mut clients[0];
     client.asks.ask(at(100), "", 0, &Number(1), within).unwrap();
@@ -216,7 +216,7 @@ fn the_reasons_are_told_apart() {
     }
     client.asks.work(at(250), &mut client.calls);
     assert_eq!(client.asks.end_of().unwrap().1, Err(RequestFailure::Deadline));
-    // Too many at a time, and one that is too long.
+    // Too many requests at a time, and one that is too long.
     let mut many = Requester::<Vec<u8>, Number>::new("main/many").unwrap();
     let refused = many.ask(at(0), "", 0, &vec![0; 2 << 20], within);
     assert!(matches!(refused, Err(RequestFailure::NotSent(_))), "{refused:?}");

@@ -17,7 +17,7 @@ impl Message for Wrench {
     const TYPE: &'static str = "Wrench";
 }
 
-/// Where the answer to a call comes.
+/// Receives the answer to a call.
 type Answer = Receiver<Result<Vec<u8>, ObjectError>>;
 
 /// The program with the router.
@@ -34,7 +34,7 @@ struct Reader<T> {
     taken: Vec<u64>,
 }
 
-/// The fate of the call and the answer of one turn.
+/// The fate of the call and of the answer in one turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fate {
     Good,
@@ -90,8 +90,8 @@ fn desk() -> Desk {
 }
 
 proptest! {
-    /// With any lost calls and answers, and any full queues: each subscriber takes the messages that its filters take,
-    /// once and in order.
+    /// With any lost calls and answers, and any full queues: each subscriber takes the messages that its filters
+    /// accept, once and in order.
     #[test]
     fn each_message_is_taken_once_by_all_that_want_it(
         steps in prop::collection::vec((0_u8..6, 0_usize..3), 0..150),
@@ -161,7 +161,7 @@ fn who_is_silent_is_dropped_and_who_takes_another_type_is_refused() {
     let dropped = Dropped { name: "gone".into(), why: Gone::Silent, lost: 3 };
     assert_eq!((desk.news.dropped(), desk.news.dropped()), (Some(dropped), None));
     assert_eq!(desk.news.status().subscribers, []);
-    // It is back, and in the register again; nothing was kept for it.
+    // The subscriber is back, and in the register again. No messages were kept for it.
     for ms in (6000..8000).step_by(20) {
         gone.turn(&mut desk, at(ms), Fate::Good);
         desk.news.work(at(ms));
@@ -200,7 +200,7 @@ fn golden() {
     }
 }
 
-/// As the error says, whatever the router puts behind a name.
+/// A name is limited as the error says, whatever the router adds to it.
 #[test]
 fn a_name_has_255_bytes_at_most() {
     for (size, is_taken) in [(255, true), (256, false)] {

@@ -1,4 +1,4 @@
-//! Reads how long a program that has died stays away before it is started again: `backoff 100 ms to 30 s`.
+//! Reads the back-off of a program that has died, which is the pause before its next start: `backoff 100 ms to 30 s`.
 
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
@@ -6,7 +6,7 @@ use crate::plan::Backoff;
 use crate::syntax::SyntaxKind::Constant;
 use crate::syntax::ast::{Name, Node};
 
-/// Reads a back-off from a statement and the words after its first. A mistake is reported.
+/// Reads a back-off from a statement. `words` are the words of the statement after the first. A mistake is reported.
 pub(super) fn backoff(statement: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<Backoff> {
     let before = reader.diagnostics.count();
     let backoff = read(statement, words, reader);

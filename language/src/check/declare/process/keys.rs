@@ -1,4 +1,4 @@
-//! Reads connections with keys of the database: `db("team/flat/claim/**") -> robot, Claims;`
+//! Reads connections between ports and keys of the database: `db("team/flat/claim/**") -> robot, Claims;`
 
 use super::outside;
 use crate::check::names::Names;
@@ -8,7 +8,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Node, Token};
 
-/// Returns the connections of a group with keys; reports the impossible ones.
+/// Returns the connections of a group with keys. Reports connections that are impossible.
 pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<KeyConnection> {
     let mut all = Vec::new();
     outside::each(group, SyntaxKind::Keys, misplaced, names, |found, names| {
@@ -24,7 +24,7 @@ pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<KeyConnection> {
     all
 }
 
-/// Returns the reason why keys are not allowed in a connection, if so.
+/// Returns the reason if keys are not allowed in a connection.
 fn misplaced(connection: &Node, keys: &[Node], owner: Option<&Node>) -> Option<Diagnostic> {
     let error = |node: &Node, message: &str| Diagnostic::new(Code::E0308, node.span(), message);
     if let [_, second, ..] = keys {
@@ -42,7 +42,7 @@ fn misplaced(connection: &Node, keys: &[Node], owner: Option<&Node>) -> Option<D
     Some(outside::owned(diagnostic, owner))
 }
 
-/// Reads a key, or a prefix that ends in `/**`, which is returned with a `/` at its end.
+/// Reads a key, or a prefix that ends in `/**`. A prefix is returned with a `/` at its end.
 fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
     let written = text.content();
     let error = |message: String| Diagnostic::new(Code::E0308, text.span(), message);

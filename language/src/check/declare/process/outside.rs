@@ -8,21 +8,23 @@ use crate::diagnostic::Diagnostic;
 use crate::syntax::SyntaxKind::{self, BackArrow, Text};
 use crate::syntax::ast::{Node, Token};
 
-/// A connection of a port with an end outside, as the text has it.
+/// A connection between a port and an end outside of all processes, as the text has it.
 pub(super) struct OutsideConnection {
     pub(super) node: Node,
-    /// The end outside, and its name.
+    /// The end outside of all processes, and its name.
     pub(super) outside: Node,
     pub(super) name: Token,
-    /// Whether values go from the port to the outside.
+    /// Whether values go from the port to this end.
     pub(super) is_outward: bool,
     end: Node,
 }
 
-/// Returns why the ends of a connection are not allowed, given its ends outside and the owner of its section.
+/// Returns the reason if the ends of a connection are not allowed. The arguments are the connection, its ends outside,
+/// and the owner of its section.
 type Misplaced = fn(&Node, &[Node], Option<&Node>) -> Option<Diagnostic>;
 
-/// Reads the connections of a group with ends of this kind, one after the other. Reports the misplaced ones.
+/// Reads the connections of a group that have ends of this kind, one after the other. Reports connections that are not
+/// allowed.
 pub(super) fn each(
     group: &Node,
     kind: SyntaxKind,
@@ -42,7 +44,7 @@ pub(super) fn each(
                 continue;
             }
             let Some(outside) = outside.into_iter().next() else { continue };
-            // Otherwise the text is damaged, which was reported.
+            // If a part is missing, the text is damaged, which was reported.
             let (Some(name), Some(end)) = (outside.token(Text), node.child(SyntaxKind::Endpoint)) else { continue };
             let is_first = outside.span().start < end.span().start;
             let is_outward = is_first == node.token(BackArrow).is_some();
@@ -52,7 +54,7 @@ pub(super) fn each(
 }
 
 impl OutsideConnection {
-    /// Returns the ports that its other end means: `robot[i], Claims` means one for each robot.
+    /// Returns the ports at the inner end of the connection. `robot[i], Claims` stands for one port of each robot.
     pub(super) fn ends(&self, names: &mut Names<'_>) -> Vec<Endpoint> {
         let mut all = Vec::new();
         let variable = index::unbound(std::slice::from_ref(&self.end), names, &[]);
@@ -68,7 +70,7 @@ impl OutsideConnection {
     }
 }
 
-/// Adds the owner of a section to the diagnostic of a connection that has none.
+/// Makes the diagnostic of a connection that may not have an owner, and names the owner of its section as the reason.
 pub(super) fn owned(diagnostic: Diagnostic, owner: &Node) -> Diagnostic {
     let diagnostic = diagnostic.reason(owner.span(), "these connections have an owner");
     diagnostic.help("write it in a section of its own: `internal_connections{ ... }`")

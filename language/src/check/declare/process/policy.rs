@@ -15,10 +15,10 @@ use crate::unit::{self, Dimension};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The shortest bound of a watchdog: the scheduler of a busy host may keep a program waiting for some milliseconds.
+/// The shortest bound of a watchdog. The scheduler of a busy host may delay a program by some milliseconds.
 const WATCHDOG_MIN: Duration = Duration::from_millis(20);
 
-/// The written value of one policy: its words after the first, and its numbers.
+/// The value of one policy in the text: its words after the first, and its number.
 struct PolicyValue<'a> {
     node: &'a Node,
     words: Vec<String>,
@@ -65,7 +65,7 @@ pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> Policies {
     policies
 }
 
-/// Reads `runs_in hardware;`, `runs_in "my-base" "main/arm/wheels";`.
+/// Reads `runs_in hardware;` or `runs_in "my-base" "main/arm/wheels";`.
 fn runs_in(node: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<RunsIn> {
     let texts: Vec<Option<String>> = node.children_of(Constant).map(|value| text(&value, reader)).collect();
     let names = words.iter().map(|word| Some(word.text.clone()));
@@ -144,7 +144,7 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
     }
 }
 
-/// Reads the resources that a program may use; returns whether they can be read, and advice if not.
+/// Reads a limit on the resources of a program. Returns whether the text is valid, and advice if it is not.
 fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> (bool, &'static str) {
     let bytes = unit::unit("B", None).map(|(_, dimension)| dimension);
     let no_words = written.words.is_empty();
@@ -188,7 +188,7 @@ fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut 
     }
 }
 
-/// A share of the processors in thousandths of one, rounded.
+/// Reads a share of the processors. The unit of the result is a thousandth of one processor.
 fn share(written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> Option<u32> {
     let (value, found) = quantity(written.value.as_ref()?, reader.diagnostics)?;
     let is_share = found.is_none() && (0.01..=1000.0).contains(&value);
@@ -220,7 +220,7 @@ fn link_loss(words: &[&str]) -> Option<LinkLoss> {
     }
 }
 
-/// A whole number of some dimension, `least` at least.
+/// Reads a whole number of this dimension that is at least `least`.
 fn whole(written: &PolicyValue<'_>, dimension: Option<Dimension>, least: u64, reader: &mut Reader<'_>) -> Option<u64> {
     let (value, found) = quantity(written.value.as_ref()?, reader.diagnostics)?;
     let whole: u64 = format!("{value:.0}").parse().ok()?;

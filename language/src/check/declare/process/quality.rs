@@ -9,7 +9,7 @@ use crate::syntax::ast::Node;
 use crate::unit::{self, Dimension};
 use std::time::Duration;
 
-/// The longest queue.
+/// The greatest length of a queue.
 const QUEUE_MAX: u32 = 10_000;
 
 /// Reads `latch`, `drop`, `queue 5` and `rate 10 Hz` of a connection.
@@ -45,7 +45,7 @@ fn queue(node: &Node, diagnostics: &mut Diagnostics) -> Option<u32> {
     length
 }
 
-/// The shortest time between two values.
+/// Reads the shortest time between two values.
 fn period(node: &Node, diagnostics: &mut Diagnostics) -> Option<Duration> {
     let frequency = unit::unit("Hz", None).map(|(_, dimension)| dimension);
     let found: Option<(f64, Option<Dimension>)> =

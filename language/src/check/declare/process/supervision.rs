@@ -10,7 +10,7 @@ use crate::syntax::SyntaxKind::{self, Constant, Number};
 use crate::syntax::ast::{Name, Node};
 use std::collections::BTreeMap;
 
-/// Reads the supervision of a group, if it has any, and the back-off of its programs.
+/// Reads the supervision of a group, if the group has one, and the back-off of its programs.
 pub(super) fn supervision(group: &Node, reader: &mut Reader<'_>) -> Option<(Supervision, Option<Backoff>)> {
     let section = group.child(SyntaxKind::Supervision)?;
     let (mut supervision, mut pauses) = (Supervision::default(), None);

@@ -1,4 +1,4 @@
-//! The names inside of an activity: states, variables, ports and signals.
+//! Adds the names inside an activity: states, variables, ports and signals.
 
 use super::super::{Kind, Symbol};
 use super::Walk;
@@ -7,7 +7,7 @@ use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Name, Node};
 
 impl Walk<'_> {
-    /// Declares the states, variables, ports and signals of an activity; the names mean these from here on.
+    /// Declares the states, variables, ports and signals of an activity. From here on, the names have these meanings.
     pub(super) fn declare_activity(&mut self, item: &Node) {
         if is_activity(item) {
             self.declare_in(item);
@@ -27,7 +27,7 @@ impl Walk<'_> {
             };
             let is_new = |name: &Name| self.variables.iter().all(|(known, _)| *known != name.text);
             if let Some(name) = declared.filter(is_new) {
-                // The ports are known already, since other groups name them.
+                // The ports are already declared, because other groups name them.
                 let symbol = self.tables.declared.get(&name.span).copied().unwrap_or_else(|| {
                     let (symbol, declaration) = (self.index.symbols.len(), name.span);
                     self.index.symbols.push(Symbol { kind: Kind::Variable, name: name.text.clone(), declaration });
@@ -42,7 +42,7 @@ impl Walk<'_> {
         }
     }
 
-    /// `look.done`, `parameter look.speed changed`, `message orders`
+    /// Adds the names in `look.done`, `parameter look.speed changed` and `message orders`.
     fn trigger(&mut self, node: &Node, names: &[Name]) {
         match names {
             [child, _] if node.token(SyntaxKind::Dot).is_some() => {
@@ -55,11 +55,11 @@ impl Walk<'_> {
         }
     }
 
-    /// The names of one part of an activity.
+    /// Adds the names of one part of an activity.
     pub(super) fn activity_names(&mut self, node: &Node, names: &[Name]) {
         match node.kind() {
             SyntaxKind::Target if names.first().is_some_and(|word| word.text == "done") => {
-                // A name alone is the outcome, or a value.
+                // A name without anything after it is the outcome, or a value.
                 let alone = node.child(SyntaxKind::Formula).and_then(|formula| formula.names().next());
                 self.outcome(names.get(1).or(alone.as_ref()));
             }

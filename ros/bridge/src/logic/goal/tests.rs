@@ -13,7 +13,7 @@ const TAKEN: Input = Input::Answered { is_accepted: true };
 const REJECTED: Input = Input::Answered { is_accepted: false };
 const CANCEL: Effect = Effect::Cancel { number: 1 };
 const CANCEL_AGAIN: Effect = Effect::Cancel { number: 2 };
-/// Why a goal may go on.
+/// The reasons why a goal may go on.
 const REFUSES: &str = "its server refuses to cancel it";
 const CANCELS: &str = "its server is canceling it, and has not ended it";
 const NOT_TAKEN: &str = "its server has not said whether it takes the goal, and may begin it later";
@@ -32,7 +32,7 @@ fn lost() -> Input {
     Input::NotAnswered { why: "x".to_owned() }
 }
 
-/// Plays inputs, one every 10 ms; returns the effects and the goal.
+/// Handles inputs, one every 10 ms; returns the effects and the goal.
 fn play(inputs: &[Input]) -> (Vec<Effect>, Goal) {
     let (mut goal, mut effects) = (Goal::new("/go".to_owned(), at(0)), Vec::new());
     for (step, input) in (1..).zip(inputs) {
@@ -41,7 +41,7 @@ fn play(inputs: &[Input]) -> (Vec<Effect>, Goal) {
     (effects, goal)
 }
 
-/// The goal is over, or may go on for a reason.
+/// Checks the effects, the ending, and whether the goal is over or may go on for a reason.
 #[track_caller]
 fn check(inputs: &[Input], effects: &[Effect], ending: Option<Ending>, goes_on: Result<(), &str>) {
     let (found, goal) = play(inputs);
@@ -89,7 +89,7 @@ fn a_stop_cancels_the_goal_and_waits_for_its_end() {
     check(&[THERE, TAKEN, Input::Stop, canceled(CancelAnswer::Unknown)], &effects, STOPPED, Ok(()));
     check(&[THERE, TAKEN, Input::Stop, canceled(CancelAnswer::Refused)], &effects, STOPPED, Err(REFUSES));
     check(&[THERE, TAKEN, Input::Stop, AWAY], &effects, STOPPED, Err(NOT_REACHED));
-    // Such an answer is not the end of the goal.
+    // Such an answer does not end the goal.
     check(&[THERE, TAKEN, Input::Stop, ended(Status::Other(2))], &effects, STOPPED, Err(NO_ANSWER));
 }
 
@@ -101,12 +101,12 @@ fn a_stop_before_the_goal_is_taken_cancels_it_at_once_and_again() {
     check(&unknown, &[Send, CANCEL], STOPPED, Err(NOT_TAKEN));
     let taken = [&unknown[..], &[TAKEN]].concat();
     check(&taken, &[Send, CANCEL, AskResult, CANCEL_AGAIN], STOPPED, Err(NO_ANSWER));
-    // The answer to the first request may be older than the goal.
+    // The server may have sent the answer to the first request before it knew the goal.
     let early = [THERE, Input::Stop, TAKEN, canceled(CancelAnswer::Unknown)];
     check(&early, &[Send, CANCEL, AskResult, CANCEL_AGAIN], STOPPED, Err(NO_ANSWER));
     let over = [&early[..], &[ended(Status::Canceled)]].concat();
     check(&over, &[Send, CANCEL, AskResult, CANCEL_AGAIN], STOPPED, Ok(()));
-    // The server has looked at the request to take the goal by then.
+    // By now the server has handled the request to accept the goal.
     let lost = [&unknown[..], &[lost()]].concat();
     check(&lost, &[Send, CANCEL, CANCEL_AGAIN], STOPPED, Err(NO_ANSWER));
     let answer = CancelAnswer::Unknown;
@@ -136,7 +136,7 @@ fn a_process_that_cannot_follow_its_goal_cancels_it() {
     let why = "the goal was sent and has no answer: x";
     check(&[THERE, lost(), TAKEN], &[Send, CANCEL], aborted(why), Err(NO_ANSWER));
     check(&[THERE, lost(), canceled(CancelAnswer::Unknown)], &[Send, CANCEL], aborted(why), Ok(()));
-    // The server has taken it after all.
+    // The server has accepted the goal after all.
     let taken = [THERE, lost(), canceled(CancelAnswer::Accepted)];
     check(&taken, &[Send, CANCEL, AskResult], aborted(why), Err(CANCELS));
     let over = [&taken[..], &[ended(Status::Canceled)]].concat();

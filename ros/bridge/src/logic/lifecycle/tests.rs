@@ -1,4 +1,4 @@
-//! Tests of lifecycles on virtual time: single stories, and all kinds of nodes against a model.
+//! Tests of lifecycles in virtual time: single stories, and all kinds of nodes against a model.
 
 use super::*;
 
@@ -18,7 +18,7 @@ struct Story {
 }
 
 impl Story {
-    /// Returns a node that was started, and has not answered yet.
+    /// Returns a node that was started and has not answered yet.
     fn started() -> Self {
         let lifecycle = Lifecycle::new("/n".to_owned(), WITHIN, at(0));
         let mut story = Self { lifecycle, now: 0, number: 0 };
@@ -91,7 +91,7 @@ fn a_node_is_configured_activated_and_deactivated() {
     story.told(Some(State::Active), &["deactivate"]);
     story.changed(Answer::Done, &[]);
     assert_eq!(story.lifecycle.standing(), &Standing::Reached);
-    // A node at rest is not asked.
+    // A node at rest does not get requests.
     story.now += 5000;
     story.expect(THERE, &[]);
     story.expect(Input::Want { wanted: Wanted::Active, within: WITHIN }, &["ask"]);
@@ -125,7 +125,7 @@ fn a_failed_transition_is_told_with_the_state_that_follows() {
     story.expect(THERE, &["ask"]);
     story.told(Some(State::Unconfigured), &[]);
     story.failed("it has failed to configure, and is unconfigured; its output says why");
-    // An error in `activate` may leave it unconfigured: it is not configured again and again.
+    // After an error in `activate` the node may be unconfigured: it is not configured again and again.
     let mut story = Story::ready();
     story.expect(Input::Want { wanted: Wanted::Active, within: WITHIN }, &["ask"]);
     story.told(Some(State::Inactive), &["activate"]);
@@ -148,7 +148,7 @@ fn a_lost_request_is_repeated_only_if_the_node_has_not_done_it() {
         story.expect(Input::Ended, &[]);
         assert!(!story.lifecycle.may_activate());
     }
-    // It has refused to do twice what another client has done.
+    // The node has refused to repeat a transition of another client.
     let mut story = Story::started();
     story.told(Some(State::Unconfigured), &["configure"]);
     story.changed(Answer::Failed, &["ask"]);
@@ -166,7 +166,7 @@ fn a_state_that_others_change_is_noticed() {
         story.expect(THERE, &["ask"]);
         story.told(Some(state), &[]);
         story.failed(&format!("it is {shown}: another client, or the node itself, has changed its state"));
-        // The process then stops, and the node rests already.
+        // The process then stops, and the node already rests.
         story.expect(Input::Want { wanted: Wanted::Resting, within: WITHIN }, &["ask"]);
         story.told(Some(state), &[]);
         assert_eq!(story.lifecycle.standing(), &Standing::Reached);
@@ -262,11 +262,11 @@ impl Numbers {
     }
 }
 
-/// A node of ROS 2: it carries requests out in their order, late, badly or never.
+/// A node of ROS 2: it carries requests out in their order, late, with failures, or never.
 struct Model {
     numbers: Numbers,
     state: State,
-    /// The requests, and when their answers are sent.
+    /// The requests, and the times at which their answers are sent.
     queue: Vec<(u64, Effect)>,
     /// The percentages of lost requests, lost answers and failures, and the longest delay in milliseconds.
     lost: u64,
@@ -327,7 +327,7 @@ impl Model {
     }
 }
 
-/// Every order of late, lost, failing and absent answers: the outcome comes in time, and it is never claimed against the node.
+/// Answers that are late, lost, failures or missing, in every order: the outcome arrives in time, and never contradicts the node.
 #[test]
 fn every_kind_of_node_has_an_outcome_in_time() {
     let (mut reached, mut failed) = (0, 0);
