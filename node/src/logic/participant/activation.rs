@@ -1,4 +1,4 @@
-//! The activations that wait, and for what.
+//! The activations that wait: for the moment of an aligned start, or for the home.
 //!
 //! An aligned start: nothing is activated after the first question for the clock, since a supervisor elsewhere may have heard of GO
 //! before. From GO on supervisors go ahead, so that wires are open and other hosts have their orders when the moment comes; programs
@@ -231,7 +231,7 @@ mod tests {
         assert_eq!((activations.deadline(), activations.begin(at(9))), (Some(at(4)), Some(Duration::from_secs(5))));
     }
 
-    /// An activation waits once, whatever is repeated. One that is stopped in the meantime never begins.
+    /// An order that is repeated waits once. An activation that is stopped in the meantime never begins.
     #[test]
     fn an_activation_waits_once() {
         let mut activations = Activations::default();

@@ -131,7 +131,7 @@ impl Externals {
         Some(self.all.get(&leaf)?.seen.as_ref().ok()?.facts(leaf))
     }
 
-    /// Ends the watch over a process that is not active any more. Returns the activation, and why it aborts.
+    /// Stops watching a process that is not active any more. Returns the activation, and why it aborts.
     pub(super) fn end_if_over(&mut self, site: &Site, leaf: u32) -> Option<(u32, String)> {
         let process = self.all.get_mut(&leaf)?;
         let why = match &process.seen {

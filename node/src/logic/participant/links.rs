@@ -65,7 +65,7 @@ pub(super) struct Asked {
     pub(super) host: String,
 }
 
-/// What a consumer reports about its values after a switch.
+/// The report of a consumer about its values after a switch.
 #[derive(Debug, Default)]
 pub(super) struct TakenValues {
     pub(super) lost: u64,

@@ -204,7 +204,7 @@ mod tests {
         assert_eq!(progress.reply(false), None);
     }
 
-    /// The first reply names where added programs are. One that cannot take part is not waited for afterwards.
+    /// The first reply names where added programs are. A program that cannot take part is not waited for afterwards.
     #[test]
     fn added_programs_are_named() {
         let mut progress = progress();
