@@ -365,13 +365,14 @@ impl Executer {
     }
 
     fn activate_member(&mut self, member: u32, waiting: Waiting, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let Waiting { activation, value, .. } = waiting;
+        let Waiting { activation, value, decided, .. } = waiting;
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         self.renew_member(member, context, out);
         let Some((target, host)) = self.target(context.plan, group, member) else { return };
         self.members.told(member, out.now, &value);
         self.fences.began(member, host);
-        let order = ToParticipant::Activate { target, activation, value };
+        let ago = out.now.since(decided);
+        let order = ToParticipant::Activate { target, activation, value, ago };
         out.send(host, context.deployment.to_participant(order));
     }
 
@@ -389,7 +390,7 @@ impl Executer {
                 }
                 let (wires, until) = (self.wires.unconfirmed_to(member), out.now + SWITCH_WITHIN);
                 let not_before = self.members.next_at(member, PACE).unwrap_or(out.now);
-                self.members.wait(member, Waiting { activation, value, wires, until, not_before });
+                self.members.wait(member, Waiting { activation, value, decided: out.now, wires, until, not_before });
                 self.activate_ready(context, out);
                 if let Some(change) = self.held(member, context.plan)
                     && self.fences.is_news(member, activation)

@@ -116,6 +116,8 @@ pub struct Instance {
 #[derive(Debug, Serialize, Deserialize)]
 struct Current {
     number: u32,
+    /// When its supervisor decided it.
+    decided: Time,
     /// The argument of `Init`, in case another program takes the place of this one.
     value: Vec<u8>,
     /// The host whose loss stops it.
@@ -389,8 +391,8 @@ impl Instance {
         }
     }
 
-    /// Initialises and runs the program, or notes that this is to be done once it is there again.
-    pub fn activate(&mut self, activation: u32, value: Vec<u8>, context: &mut InstanceContext<'_>) {
+    /// Initialises and runs the program, or notes that this is to be done once it is there again. The supervisor decided it at `decided`.
+    pub fn activate(&mut self, activation: u32, value: Vec<u8>, decided: Time, context: &mut InstanceContext<'_>) {
         if self.current.as_ref().is_some_and(|current| current.number == activation) {
             return;
         }
@@ -399,7 +401,7 @@ impl Instance {
             let failure = self.failure(cause, context);
             return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
         }
-        self.current = Some(Current { number: activation, value: value.clone(), lost: None, may_go_on: None });
+        self.current = Some(Current { number: activation, decided, value: value.clone(), lost: None, may_go_on: None });
         context.notes.push(Note::Changed(Change::Activated));
         match self.stage {
             Stage::Idle if self.obstacles.checks_in => {}

@@ -221,9 +221,10 @@ impl Participant {
                 self.each_executer(out, |executer, at, out| executer.reopen(&host, at, out));
             }
             ToParticipant::Release => self.leave(out),
-            ToParticipant::Activate { target, activation, value } => {
+            ToParticipant::Activate { target, activation, value, ago } => {
                 self.go(out.now);
-                self.activate(Activation { target, number: activation, value }, out);
+                let decided = out.now.before(ago);
+                self.activate(Activation { target, number: activation, value, decided }, out);
             }
             ToParticipant::Stop { target, activation } => self.stop(target, activation, out),
             ToParticipant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
@@ -513,7 +514,7 @@ impl Participant {
     fn activation_ended(&mut self, leaf: u32, activation: u32, ending: Ending, out: &mut Out<'_>) {
         if let Some(next) = self.successions.ended(leaf, &ending) {
             return self.with_instance(leaf, out, |instance, context| {
-                instance.activate(next.activation, next.value, context);
+                instance.activate(next.activation, next.value, context.now, context);
             });
         }
         let target = Target::Leaf(leaf);

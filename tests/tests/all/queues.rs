@@ -1,6 +1,6 @@
 //! Queues and routers of running programs, `dca queue` and `dca router`.
 
-use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable};
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -42,6 +42,8 @@ fn json(text: &str) -> Value {
 fn queues_are_shown_from_the_command_line() {
     let cluster = Cluster::new();
     let (here, _running) = deployed(&cluster);
+    let is_known = || here.ask(&["queue", "clerk", "--within", "60"]).code == Some(0);
+    assert!(wait_until(SOON, is_known).is_some(), "{}", here.ask(&["queue", "clerk"]));
     let watch = here.dca(&["queue", "post:clerk.orders", "--watch", "--within", "60"]);
     watch.wait_for(Stream::Out, "8 of 8", SOON);
     drop(watch);

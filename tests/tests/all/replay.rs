@@ -68,6 +68,8 @@ fn a_controller_gets_the_recorded_values_again() {
     let recording = ["run", "--controllers", &controllers, "--record", "all", &file];
     let ended = cluster.here().dca(&recording).ended(SOON);
     assert_eq!(ended.code, Some(0), "{ended}");
+    let heard = std::fs::read_to_string(&first).expect("it was stopped");
+    assert!(heard.starts_with("1-"), "no value is lost at a common start: {heard}");
     let record = folder.join("runs/count-1/run.mcap");
     let sent = recorded(&record, "/ports/main/source/Out");
     assert!(sent.contains('-'), "{sent}: {ended}");

@@ -64,9 +64,10 @@ impl Arrived {
 /// How the samples of a wire wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Hold {
-    /// The number of its wire; none if a device has sent it.
-    pub(super) wire: Option<u32>,
-    pub(super) hold: Hold,
+    /// How many samples wait at most.
+    pub(super) count_max: usize,
+    /// Whether the last sample waits for the next activation, however long that takes.
+    pub(super) is_latched: bool,
 }
 
 impl Default for Hold {

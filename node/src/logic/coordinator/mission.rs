@@ -122,7 +122,8 @@ impl Mission {
             self.tell(host, at.unwrap_or(ToParticipant::Go), out);
         }
         let Some(home) = self.plan.home() else { return };
-        let order = ToParticipant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
+        let order =
+            ToParticipant::Activate { target: Target::Group(0), activation: 1, value: Vec::new(), ago: Duration::ZERO };
         self.tell(home, order, out);
     }
 

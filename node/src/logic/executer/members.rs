@@ -25,6 +25,8 @@ pub struct MemberRef {
 pub(super) struct Waiting {
     pub(super) activation: u32,
     pub(super) value: Vec<u8>,
+    /// When it was decided.
+    pub(super) decided: Time,
     /// The generations of wires that it waits for.
     pub(super) wires: BTreeSet<u64>,
     /// When it goes out without them.
@@ -274,7 +276,7 @@ mod tests {
 
     fn waiting(wires: &[u64]) -> Waiting {
         let wires = wires.iter().copied().collect();
-        Waiting { activation: 7, value: vec![1], wires, until: at(1000), not_before: at(10) }
+        Waiting { activation: 7, value: vec![1], decided: at(0), wires, until: at(1000), not_before: at(10) }
     }
 
     #[test]

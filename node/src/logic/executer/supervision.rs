@@ -118,8 +118,7 @@ mod tests {
         let at = |seconds: u64| Time::from_nanos(seconds * 1_000_000_000);
         let intensity = Intensity { restarts: 2, within: Duration::from_secs(10) };
         let (mut supervised, cause) = (Supervised::default(), FailureCause::Exit(1));
-        let restart =
-            |supervised: &mut Supervised, second| supervised.restarted(Some(intensity), &cause, at(second));
+        let restart = |supervised: &mut Supervised, second| supervised.restarted(Some(intensity), &cause, at(second));
         assert_eq!([0, 9, 10, 19].map(|second| restart(&mut supervised, second)), [const { Verdict::Bears }; 4]);
         let Verdict::Escalates(cause) = restart(&mut supervised, 19) else { panic!("{supervised:?}") };
         let failure = Failure { origin: "main/a".into(), cause, at: Duration::ZERO };

@@ -220,11 +220,11 @@ impl Instance {
     }
 
     pub(super) fn run(&mut self, value: Vec<u8>, context: &mut InstanceContext<'_>) {
-        let Some(activation) = self.current.as_ref().map(|current| current.number) else { return };
+        let Some(Current { number: activation, decided: since, .. }) = self.current else { return };
         self.stage = Stage::Running;
         if self.is_controller() {
             self.suspend_probation();
-            self.tell(Order::Activate { activation, value, since: context.now }, context);
+            self.tell(Order::Activate { activation, value, since }, context);
         } else {
             self.tell_shim(ShimOrder::Go, context);
         }

@@ -37,6 +37,8 @@ pub(super) struct Activation {
     pub(super) target: Target,
     pub(super) number: u32,
     pub(super) value: Vec<u8>,
+    /// When its supervisor decided it, on the clock of this host.
+    pub(super) decided: Time,
 }
 
 /// When activated programs begin.
@@ -196,7 +198,7 @@ mod tests {
     }
 
     fn activation(target: Target) -> Activation {
-        Activation { target, number: 1, value: Vec::new() }
+        Activation { target, number: 1, value: Vec::new(), decided: Time::ZERO }
     }
 
     /// Nothing begins between the question for the clock and GO. From GO on supervisors begin, and programs at the moment.

@@ -266,7 +266,9 @@ impl Participant {
         let then = is_stopping.then(|| NextActivation { activation, value: value.clone() });
         self.successions.begin(leaf, by, then);
         if !is_active {
-            self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
+            self.with_instance(leaf, out, |instance, context| {
+                instance.activate(activation, value, context.now, context)
+            });
         } else if !is_stopping {
             // The program was never stopped.
             self.has_begun(leaf, out);

@@ -219,7 +219,7 @@ impl Participant {
 
     /// Runs a process of this host, for its supervisor.
     pub(super) fn activate(&mut self, activation: Activation, out: &mut Out<'_>) {
-        let Activation { target, number, .. } = activation;
+        let Activation { target, number, decided, .. } = activation;
         let refuse = |origin: String, cause: FailureCause, at: Duration| Ending::Aborted(Failure { origin, cause, at });
         match target {
             target if self.is_leaving() => {
@@ -235,7 +235,9 @@ impl Participant {
             }
             Target::Leaf(leaf) if self.refuse_held(leaf, number, out) => {}
             Target::Leaf(leaf) => {
-                self.with_instance(leaf, out, |instance, context| instance.activate(number, activation.value, context));
+                self.with_instance(leaf, out, |instance, context| {
+                    instance.activate(number, activation.value, decided, context)
+                });
             }
             Target::Group(group) => {
                 if let Some(executer) = self.processes.executers.get(group).filter(|executer| executer.is_running()) {

@@ -117,6 +117,8 @@ pub enum ToParticipant {
         activation: u32,
         /// The value for its `Init`.
         value: Vec<u8>,
+        /// How long ago its supervisor decided it.
+        ago: Duration,
     },
     /// Stop a process.
     Stop {
