@@ -71,5 +71,5 @@ impl OutsideConnection {
 /// Adds the owner of a section to the diagnostic of a connection that has none.
 pub(super) fn owned(diagnostic: Diagnostic, owner: &Node) -> Diagnostic {
     let diagnostic = diagnostic.reason(owner.span(), "these connections have an owner");
-    diagnostic.help("write it in a section of its own: `internal_connections{ ... }`")
+    diagnostic.help("write the connection in a section without an owner: `internal_connections{ ... }`")
 }
