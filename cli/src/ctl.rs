@@ -152,7 +152,7 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let meant: Vec<&ProcessStatus> = shown.iter().filter(|shown| is_path(&shown.path, &process)).collect();
     let Some(order) = &arguments.order else {
         let [one] = meant.as_slice() else {
-            return Err(anyhow!("{} activities of `{deployment}` that run are called `{process}`", meant.len()).into());
+            return Err(anyhow!("{} running activities of `{deployment}` are called `{process}`", meant.len()).into());
         };
         console::say(&page(one));
         return Ok(());
@@ -190,9 +190,9 @@ pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     match taken {
         Taken::Reacted => format!("`{path}` has taken {order}"),
         Taken::Waits => {
-            format!("`{path}` has {order}, and reacts when the processes that are being stopped have ended")
+            format!("`{path}` has received {order}, and reacts when the processes that are being stopped have ended")
         }
-        Taken::Ignored => format!("`{path}` has {order}, and no transition takes it in the present states"),
+        Taken::Ignored => format!("`{path}` has received {order}, but no transition takes it in the present states"),
     }
 }
 

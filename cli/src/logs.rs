@@ -188,7 +188,7 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
         is_read = print(&bytes)?;
     }
     if is_empty {
-        console::note("note: it has written nothing");
+        console::note("note: this process has written nothing");
     }
     console::pass(printable.finish().as_bytes())?;
     Ok(())

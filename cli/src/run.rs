@@ -134,7 +134,7 @@ impl Nodes {
         let result = tokio::select! {
             result = deploy::deploy(&client, spec, following, StartMode::AtOnce, None) => result,
             why = ended(&mut self.running) => {
-                Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
+                Err(why.err().unwrap_or_else(|| anyhow!("a node ended during the run")).into())
             }
         };
         client.close().await;

@@ -139,7 +139,7 @@ async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
         }
         if !found.silent.is_empty() {
             let silent = Vec::from_iter(found.silent.iter().map(String::as_str)).join(", ");
-            return Err(Failure::Unreachable(anyhow!("that is not everything: {silent} did not answer")));
+            return Err(Failure::Unreachable(anyhow!("the list is not complete: {silent} did not answer")));
         }
         if !arguments.watch {
             return Ok(());

@@ -94,10 +94,10 @@ fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
     console::say(&played.lines.iter().map(|line| format!("{line}\n")).collect::<String>());
     match played.result {
         PlayResult::Same => {
-            console::say("it comes to the same as in the story\n");
+            console::say("the run ends as in the story\n");
             Ok(())
         }
-        PlayResult::Other(how) => Err(anyhow!("it comes to something else: {how}").into()),
+        PlayResult::Other(how) => Err(anyhow!("the run ends in another way: {how}").into()),
         PlayResult::Ends(error) => Err(anyhow!("the story ends after step {}: {error}", played.lines.len()).into()),
     }
 }

@@ -82,7 +82,7 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
         return Ok(());
     }
     let silent = switched.unconfirmed.join("`, `");
-    let why = anyhow!("`{silent}` did not confirm the switch in time; what they send and take changes once they go on");
+    let why = anyhow!("`{silent}` did not confirm the switch in time; their connections change when they continue");
     Err(Failure::Unreachable(why))
 }
 

@@ -253,7 +253,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some((file, (finding, story))) => {
             whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
         }
-        None if arguments.svg.is_some() => console::note("no picture is written: no story can be drawn"),
+        None if arguments.svg.is_some() => console::note("no picture is written: no finding has a story to draw"),
         None => {}
     }
     if let Some(folder) = &arguments.test {

@@ -118,7 +118,7 @@ impl History {
         if self.database.json {
             console::answer(&readers.json(serde_json::to_value(&entries)?));
         } else if entries.is_empty() {
-            console::note("nothing of that is in the log");
+            console::note("the log has no such changes");
         } else {
             console::say(&table::history(&entries, span, &|datum| readers.text(datum), clock::minutes_ahead));
         }

@@ -186,7 +186,7 @@ impl JoinArgs {
         };
         let state = state_dir::take(Some(&base), name.as_str()).with_context(spent)?;
         if Member::is_there(&state) {
-            console::note(&format!("`{name}` was in a team before, and leaves that"));
+            console::note(&format!("`{name}` was in a team before, and leaves that team"));
         }
         drop(reserve);
         Member::begin(&state, &keys, &team, founds, &credential).with_context(spent)?;

@@ -116,8 +116,8 @@ impl Add {
         let until = date::text(claims.not_after.0.saturating_mul(1000));
         (claims.role != self.role && claims.not_after > now).then(|| {
             format!(
-                "The certificate as {} stays valid until {until}, where somebody has kept it: `dca team user remove {}` ends \
-                 it at once, with the key.",
+                "A kept copy of the certificate as {} stays valid until {until}: `dca team user remove {}` ends \
+                 its validity at once, by revoking the key.",
                 claims.role, claims.name
             )
         })

@@ -134,7 +134,7 @@ fn what_is_planned_before_anything_runs_is_a_start() {
     assert_eq!(alone.code, Some(3), "{alone}");
     let _node = here.node("c3", &[]);
     let plan = here.ask(&["plan", &file]);
-    let start = "nothing runs as `push`: 4 programs would start on `c3`, `c2`";
+    let start = "`push` is not running: 4 programs would start on `c3`, `c2`";
     assert!(plan.code == Some(0) && plan.out.contains(start), "{plan}");
     let json = here.ask(&["plan", "--json", &file]);
     let told: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
@@ -170,7 +170,7 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     // Types of the spec are known with the spec.
     let another = ["add", "push", "--optional", "--probation", "0.5", "more instof Beside(c2, \"sleep 1000\")"];
     let unknown = here.ask(&another);
-    let told = ["`Beside`", "types that a spec declares are known with `--spec FILE`"];
+    let told = ["`Beside`", "`--spec FILE` adds the types that a spec declares"];
     assert!(unknown.code == Some(1) && told.iter().all(|told| unknown.err.contains(told)), "{unknown}");
     let file = cluster.file("push.dca", SPEC);
     let added = here.ask(&[&another[..], &["--spec", &file]].concat());
@@ -221,8 +221,8 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
     // In the meantime, `dca plan` shows the plan that is in its probation, and says so.
     let probed = here.ask(&["plan", &file]);
-    let told = "`push@1`, as revision 1 by ";
-    let stage = "which is in its probation; until then it is revision 0:\n  keep       4 programs";
+    let told = "`push@1`, as it will be in revision 1 by ";
+    let stage = "which is in its probation; until then revision 0 is current:\n  keep       4 programs";
     assert!(probed.code == Some(0) && probed.out.starts_with(told) && probed.out.contains(stage), "{probed}");
     let json = here.ask(&["plan", "--json", &file]);
     let json: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
@@ -231,7 +231,7 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     assert!(same.code == Some(0) && same.err.contains(stage.split(';').next().unwrap_or_default()), "{same}");
     change.signal(Signal::INT);
     let left = change.ended(SOON);
-    assert!(left.code == Some(1) && left.err.contains("which goes on without this command"), "{left}");
+    assert!(left.code == Some(1) && left.err.contains("the change of `push` continues"), "{left}");
     assert!(mission.is_running());
     assert_eq!(others(&here, &before), ["main/beside"], "the new program is still there");
 }

@@ -109,7 +109,7 @@ fn proofs_have_their_exit_codes() {
         (&["fmea", "--html", &good], 0, "<table>"),
         (&["fmea", "--markdown", &good], 0, "| program | fault | while |"),
         (&["fmea", "--json", &good], 0, "\"mission\":"),
-        (&["fmea", "--faults", "2", &good], 0, "no worse than one of the two alone"),
+        (&["fmea", "--faults", "2", &good], 0, "no worse than one of the two faults alone"),
         (&["fmea", "--faults", "2", "--states", "5", &good], 4, "looked at in"),
         (&["verify", "--json", "--threads", "2", &good], 0, "\"verdict\":\"proved\""),
         (&["verify", "--json", &bad], 1, "\"code\":\"E0811\""),
@@ -340,7 +340,7 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     let forget = here.ask(&["stop", "one", "--forget"]);
     assert!(forget.code == Some(1) && forget.err.contains("`one@1` is running; `dca stop one` ends it"), "{forget}");
     let which = here.ask(&["db", "get", "robot/"]);
-    assert!(which.code == Some(1) && which.err.contains("several `dca run` are going"), "{which}");
+    assert!(which.code == Some(1) && which.err.contains("several `dca run` commands are running"), "{which}");
     let stop = here.ask(&["stop", "one"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(one.ended(SOON).code, Some(1));

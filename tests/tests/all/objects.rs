@@ -80,10 +80,10 @@ fn what_cannot_be_called_says_why() {
         (&["call", "wheels.Drive", "speed=1 N"], 1, "expected Go { speed: Speed }"),
         (&["call", "wheels.Drive", "speed=20 m/s"], 1, "20 m/s is not a speed of these wheels"),
         (&["call", "idle.Drive", "speed=1 m/s"], 1, "`Drive` is not answered now: its process does not run"),
-        (&["get", "wheels.Drive"], 1, "`Drive` is a procedure: `dca call wheels.Drive`"),
-        (&["call", "wheels.place"], 1, "`place` is a state, which is read: `dca get wheels.place`"),
+        (&["get", "wheels.Drive"], 1, "`Drive` is a procedure; call it with `dca call wheels.Drive`"),
+        (&["call", "wheels.place"], 1, "`place` is a state; read it with `dca get wheels.place`"),
         (&["call", "Drive"], 2, "names nothing to call"),
-        (&["call", "wheels.Drive", "speed=1 m/s", "--within", "no"], 2, "this is not a number of seconds"),
+        (&["call", "wheels.Drive", "speed=1 m/s", "--within", "no"], 2, "expected a number of seconds"),
     ] {
         let asked = here.ask(arguments);
         assert!(asked.code == Some(code) && asked.err.contains(why), "{arguments:?}: {asked}");
