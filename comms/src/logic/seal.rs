@@ -86,7 +86,7 @@ pub enum Refusal {
     #[error("it is sealed with the key of another program")]
     OtherKey,
     /// It has come before, or a later message has.
-    #[error("it was sent a second time")]
+    #[error("it, or a later message, was already received")]
     Repeated,
     /// It was changed, or belongs elsewhere.
     #[error("its seal is broken")]

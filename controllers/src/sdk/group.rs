@@ -164,7 +164,9 @@ pub enum GroupError {
         port: &'static str,
     },
     /// A device is owned and used, or two members write it.
-    #[error("`{group}`: `{key}` is of two members; a device has its owner and its clients in programs of their own")]
+    #[error(
+        "`{group}`: two members use the device `{key}`; put the owner of the device and each client into separate programs"
+    )]
     Device {
         /// The group.
         group: &'static str,

@@ -16,19 +16,19 @@ use thiserror::Error;
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum RequestFailure {
     /// The queue has turned it away: it was not carried out.
-    #[error("the queue has turned it away: {0}")]
+    #[error("the queue has rejected the request: {0}")]
     Rejected(Rejected),
     /// No queue is available: it was not carried out.
     #[error("there is no queue: {0}")]
     Unknown(ObjectError),
     /// The program of the queue was gone at each try: it is unknown whether the request was received.
-    #[error("who answers is gone")]
+    #[error("the program of the queue is gone")]
     Gone,
     /// The time is over. Whether it was carried out is not known.
     #[error("no answer came in time")]
     Deadline,
     /// Too many requests are open, or this one is too long: it was not sent.
-    #[error("it was not sent: {0}")]
+    #[error("the request was not sent: {0}")]
     NotSent(String),
 }
 

@@ -281,7 +281,7 @@ mod tests {
         let refused = |transaction| access(false).transact(transaction, &[]).unwrap_err().to_string();
         assert_eq!(
             refused(put("team/a", VALUE_SIZE_MAX + 1)),
-            "65537 bytes are more than the 65536 that are allowed; give the parts keys of their own"
+            "65537 bytes are more than the 65536 that are allowed; write the parts to separate keys"
         );
         let many = (0..4).flat_map(|number| put(&format!("team/{number}"), VALUE_SIZE_MAX).writes).collect();
         assert!(refused(Transaction { writes: many, ..Transaction::default() }).starts_with("262168 bytes"));

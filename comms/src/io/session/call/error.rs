@@ -22,7 +22,7 @@ pub enum CallError {
         within: Duration,
     },
     /// The server of a stream has not said for so long that it is still there.
-    #[error("`{key}` has said nothing for {}", span(*.silent))]
+    #[error("`{key}` has sent nothing for {}", span(*.silent))]
     Silent {
         /// The host and the verb.
         key: String,
