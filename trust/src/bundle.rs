@@ -52,7 +52,7 @@ pub enum BundleError {
     #[error("its first line is not `{BEGIN}`")]
     Begin,
     /// Its last line is missing, or does not match the lines.
-    #[error("its last line does not fit the others: a part was lost or changed; export it again")]
+    #[error("its last line does not fit the other lines: a part was lost or changed; export the team again")]
     Cut,
     /// A line does not belong there.
     #[error("line {0} cannot be read, or does not belong there")]

@@ -36,7 +36,7 @@ pub enum HeadError {
         number: u64,
     },
     /// Its node has signed a later head, so this one is a copy that was sent again.
-    #[error("its node has signed a later one")]
+    #[error("its node has already signed a later head")]
     Old,
     /// There is no room.
     #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]

@@ -181,7 +181,7 @@ impl FromStr for Role {
 fn among(may_be: impl Fn(Role) -> bool, text: &str) -> Result<Role, String> {
     let rows = ROLES.iter().filter(|row| may_be(row.0));
     let found = rows.clone().find(|row| row.2 == text).map(|row| row.0);
-    found.ok_or_else(|| format!("`{text}` is none of {}", rows.map(|row| row.2).collect::<Vec<_>>().join(", ")))
+    found.ok_or_else(|| format!("`{text}` is not one of {}", rows.map(|row| row.2).collect::<Vec<_>>().join(", ")))
 }
 
 #[cfg(test)]

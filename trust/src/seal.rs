@@ -71,7 +71,7 @@ pub enum SealError {
     #[error("the path of a secret has at most {PATH_MAX} bytes")]
     Path,
     /// It has no reader, too many, or one twice.
-    #[error("a secret is for 1 to {READERS_MAX} different readers")]
+    #[error("a secret needs 1 to {READERS_MAX} different readers")]
     Readers,
     /// It was rotated too often.
     #[error("there is no generation after the last one")]
@@ -80,7 +80,7 @@ pub enum SealError {
     #[error("the secret is not sealed for this key")]
     NotForUs,
     /// It was changed, belongs to another path or team, or was sealed wrongly.
-    #[error("the secret does not belong here, or was changed")]
+    #[error("the secret was sealed for another path or team, or it was changed")]
     Damaged,
 }
 

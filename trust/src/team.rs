@@ -150,7 +150,7 @@ pub enum TrustError {
     #[error("the renewal of the certificate of `{0}` is not valid")]
     Renewal(Name),
     /// The role does not allow it.
-    #[error("`{name}` is {role}, who may not {action}")]
+    #[error("`{name}` has the role {role}, which may not {action}")]
     Role {
         /// The member that asked.
         name: Name,

@@ -41,7 +41,7 @@ async fn found(database: &Handle) -> Result<(), String> {
         return Ok(());
     }
     let Reply::Done(said) = ask(database, Question::Found).await? else {
-        return Err("the database answers something else".to_owned());
+        return Err("unexpected answer from the database".to_owned());
     };
     tracing::info!(said, "the database of the team has begun");
     Ok(())

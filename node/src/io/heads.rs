@@ -119,7 +119,7 @@ impl Countersigning {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let signed = blocking(move || {
             let head = Head::from_bytes(&head).context("it is not a head of an audit log")?;
-            member.countersign(&head, &name.context("its name is none")?)
+            member.countersign(&head, &name.context("its name is not valid")?)
         });
         match signed.await {
             Ok(head) => {
@@ -148,7 +148,7 @@ impl Countersigning {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let kept = blocking(move || {
             let head = Head::from_bytes(&head).context("it is not a head of an audit log")?;
-            member.keep_head(head, &name.context("its name is none")?)
+            member.keep_head(head, &name.context("its name is not valid")?)
         });
         if let Err(error) = kept.await {
             tracing::warn!(host = from, error = format!("{error:#}"), "a signed head of the audit log is not kept");

@@ -92,7 +92,7 @@ const ENTER: u32 = 0o711;
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The folder cannot be made or read.
-    #[error("cannot use the folder `{path}`: {cause}; choose another with `--run-dir`")]
+    #[error("cannot use the folder `{path}`: {cause}; choose another folder with `--run-dir`")]
     Unusable {
         /// The path.
         path: PathBuf,
@@ -104,7 +104,7 @@ pub enum RunDirError {
     Folder(#[from] FolderError),
     /// The folder belongs to another user, so its sockets cannot be trusted.
     #[error(
-        "the folder `{path}` belongs to user {owner}, whose nodes may run there; act as that user, or choose another with `--run-dir`"
+        "the folder `{path}` belongs to user {owner}, whose nodes may run there; act as that user, or choose another folder with `--run-dir`"
     )]
     Foreign {
         /// The path.
@@ -119,7 +119,9 @@ pub enum RunDirError {
         path: PathBuf,
     },
     /// Others can put files into the folder.
-    #[error("anybody can write to the folder `{path}`; `chmod go-w` it, or choose another with `--run-dir`")]
+    #[error(
+        "every user can write to the folder `{path}`; run `chmod go-w` on it, or choose another folder with `--run-dir`"
+    )]
     Open {
         /// The path.
         path: PathBuf,
@@ -133,7 +135,7 @@ pub enum RunDirError {
     /// Socket paths below it would be too long for the kernel.
     #[error(
         "the folder `{path}` is too deep for sockets: with the node's name it may have {max} bytes, and has {length}; choose a \
-         shorter one with `--run-dir`"
+         shorter path with `--run-dir`"
     )]
     TooDeep {
         /// The path.
@@ -494,7 +496,7 @@ mod tests {
         };
         assert_eq!(check(&own), "");
         assert!(check(&link).contains("is a link"));
-        assert!(check(&open).contains("anybody can write to the folder"));
+        assert!(check(&open).contains("every user can write to the folder"));
         assert_eq!(running(&folder.join("nowhere")).unwrap(), []);
         fs::create_dir_all(folder.join("named")).unwrap();
         symlink(&own, folder.join("named/c1")).unwrap();

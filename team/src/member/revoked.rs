@@ -26,14 +26,15 @@ const REVOKE: &str = "revoke: number ";
 /// would trust revoked members.
 pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Revocations> {
     let path = folder.join(REVOKED);
-    let help = "copy that of another node of the team, whose lines are signed, or take this node into its team again";
+    let help =
+        "copy this file from another node of the team (its lines are signed), or take this node into its team again";
     if let Some(sets) = folder::read(&path, REVOKED_BYTES_MAX)? {
         return revocations(&sets, team).with_context(|| format!("`{}` is broken: {help}", path.display()));
     }
-    ensure!(path.symlink_metadata().is_err(), "`{}` leads nowhere: {help}", path.display());
+    ensure!(path.symlink_metadata().is_err(), "`{}` is a link that leads nowhere: {help}", path.display());
     ensure!(
         !audit::mentions(folder, node, REVOKE),
-        "`{}` is not there, but the audit log says that this node has heard who is revoked: {help}",
+        "`{}` is missing, but the audit log says that this node has received revocations: {help}",
         path.display()
     );
     Ok(Revocations::default())

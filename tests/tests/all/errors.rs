@@ -255,11 +255,11 @@ fn a_program_that_offers_no_controllers() {
     let cluster = Cluster::new();
     let (here, file) = (cluster.here(), cluster.file("idle.dca", IDLE));
     let silent = here.ask(&["run", "--controllers", "/bin/false", &file]);
-    check(&cluster, &silent, 1, &["`/bin/false` does not tell its interface"]);
+    check(&cluster, &silent, 1, &["`/bin/false` did not print its interface"]);
     let missing = here.ask(&["run", "--controllers", "/nowhere/controllers", &file]);
     check(&cluster, &missing, 1, &["cannot run `/nowhere/controllers`: No such file"]);
     let node = here.start_node("c1", &["--controllers", "/bin/false"]).ended(SOON);
-    check(&cluster, &node, 1, &["`/bin/false` does not tell its interface"]);
+    check(&cluster, &node, 1, &["`/bin/false` did not print its interface"]);
     let node = here.start_node("c1", &["--controllers", "/bin/true"]).ended(SOON);
     check(&cluster, &node, 1, &["`/bin/true` offers no controller type"]);
 }
@@ -273,7 +273,7 @@ fn a_folder_that_cannot_be_used() {
     check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);
     let deep = cluster.folder().join("d".repeat(60));
     let node = cluster.here().with_run_dir(&deep).start_node("c1", &[]);
-    check_node(&cluster, node, &["is too deep for sockets", "may have 43 bytes", "a shorter one with `--run-dir`"]);
+    check_node(&cluster, node, &["is too deep for sockets", "may have 43 bytes", "a shorter path with `--run-dir`"]);
     assert!(!deep.exists(), "a start that is refused leaves nothing");
     let runs = cluster.here().ask(&["run", "--runs", &format!("{file}/runs"), &cluster.file("idle.dca", IDLE)]);
     check(&cluster, &runs, 1, &["/file` is a file, where a folder is expected", "`--runs`"]);

@@ -95,14 +95,14 @@ impl Access {
             Namespace::Team => key.as_str().starts_with(SCHEMA),
             Namespace::Local | Namespace::System => false,
         };
-        for_people.then(|| format!("`{key}` is not written by programs: it holds orders for nodes and programs"))
+        for_people.then(|| format!("`{key}` cannot be written by programs: it holds orders for nodes and programs"))
     }
 }
 
 fn readable(key: String) -> Result<Key, DatabaseRefusal> {
     let key = Key::new(key).map_err(|why| DatabaseRefusal::Database { why: why.to_string() })?;
     if key.namespace() == Namespace::System {
-        let why = format!("`{key}` is the database's own");
+        let why = format!("`{key}` is reserved for the database itself");
         return Err(DatabaseRefusal::NotAllowed { key: key.to_string(), why });
     }
     Ok(key)
