@@ -208,7 +208,7 @@ fn imports_have_their_exit_codes_and_write_over_nothing() {
     let part = cluster.file("part.xml", &tree("<Script code=\"a := 1\"/>"));
     let ended = cluster.here().ask(&["import", &part]);
     assert!(ended.code == Some(1) && ended.out.contains("// import: line 1"), "{ended}");
-    assert!(ended.err.contains("part.xml:1:45: `Script` is a program to write"), "{ended}");
+    assert!(ended.err.contains("part.xml:1:45: `Script` is a program that you have to write"), "{ended}");
     let wrong = cluster.file("wrong.xml", "<root><a></root>");
     let ended = cluster.here().ask(&["import", &wrong]);
     assert!(ended.code == Some(1) && ended.out.is_empty() && ended.err.contains("line 1, column 10"), "{ended}");
