@@ -109,7 +109,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let planned = here.ask(&["plan", &cluster.file("push.dca", &other)]);
     assert!(planned.code == Some(0) && planned.out.contains("act        main: its event actions"), "{planned}");
     let refused = here.ask(&["deploy", &cluster.file("push.dca", &other)]);
-    let why = "the event actions of `main` cannot change now: `main/beside` runs, and the new ones have no place for it there";
+    let why = "the event actions of `main` cannot change now: `main/beside` runs, and the new event actions have no place for it there";
     assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
     for (arguments, code, why) in [
         (["replace", "push", "hit/forse"], 1, "`push` has no program `hit/forse`"),
@@ -150,7 +150,10 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     let unknown = here.ask(&["add", "push", "ear instof NoSuchType(c3)"]);
     assert!(unknown.code == Some(1) && unknown.err.contains("NoSuchType"), "{unknown}");
     let elsewhere = here.ask(&["add", "push", "--in", "main/hit", "ear instof ForceThreshold(c9)"]);
-    assert!(elsewhere.code == Some(1) && elsewhere.err.contains("takes no part in what runs"), "{elsewhere}");
+    assert!(
+        elsewhere.code == Some(1) && elsewhere.err.contains("has no part in the running deployment"),
+        "{elsewhere}"
+    );
 
     let wire = "force, Out -> ear, In";
     let add = ["add", "push", "--in", "main/hit", "--optional", "--probation", "0.5", "--connect", wire];
@@ -192,12 +195,13 @@ fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     };
     let new = SPEC.replace("sleep 1000", "sleep 2000");
     let nowhere = deploy(&new, "c3");
-    let why = "no program of `push` on `c3` is another one in this spec";
+    let why = "this spec changes no program of `push` on `c3`";
     assert!(nowhere.code == Some(1) && nowhere.err.contains(why), "{nowhere}");
     assert_eq!(others(&here, &before), Vec::<String>::new());
 
     let bad = deploy(&new.replace("# hit # beside", "# (hit , beside)"), "c2");
-    let why = ["on `c2` first", "so `c2` is taken back", "the new ones have no place for it there"];
+    let why =
+        ["on `c2` first", "so the change of `c2` is taken back", "the new event actions have no place for it there"];
     assert!(bad.code == Some(1) && why.iter().all(|why| bad.err.contains(why)), "{bad}");
     assert_eq!(others(&here, &before), ["main/beside"], "it was changed, and changed back");
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);

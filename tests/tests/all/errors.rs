@@ -341,7 +341,7 @@ fn a_deployment_that_is_already_there() {
         1,
         &[
             "`idle@1` is not changed",
-            "`main/idle` runs, and something else stands in its place",
+            "`main/idle` runs, and the new event actions have another expression in its place",
             "or stop the deployment",
         ],
     );
