@@ -210,8 +210,8 @@ program   stop everything
     #[test]
     fn a_role_of_another_kind_is_refused_with_those_there_are() {
         let refused = |kind, text| Role::named(kind, text).unwrap_err();
-        assert_eq!(refused(Kind::Node, "admin"), "`admin` is none of member, renewer");
-        assert_eq!(refused(Kind::User, "member"), "`member` is none of viewer, operator, deployer, admin, ci");
+        assert_eq!(refused(Kind::Node, "admin"), "`admin` is not one of member, renewer");
+        assert_eq!(refused(Kind::User, "member"), "`member` is not one of viewer, operator, deployer, admin, ci");
     }
 
     #[test]

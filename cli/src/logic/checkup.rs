@@ -238,7 +238,7 @@ fn space(name: &'static str, folder: &Folder) -> Check {
             (level, format!("`{path}` has {} left", size(free)))
         }
     };
-    check(name, level, finding, "choose another with `--run-dir` or `--state`, or make room")
+    check(name, level, finding, "choose another folder with `--run-dir` or `--state`, or make room")
 }
 
 /// Returns a size on a disk: `3.9 GiB`, `12 MiB`.

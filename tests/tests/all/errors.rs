@@ -48,7 +48,7 @@ fn a_file_where_a_folder_is_expected() {
     let (idle, file) = (cluster.file("idle.dca", IDLE), cluster.file("file", ""));
     let below = format!("{file}/x");
     for folder in [&file, &below] {
-        let is_file = format!("`{file}` is a file, where a folder is expected; choose another with `--");
+        let is_file = format!("`{file}` is a file, where a folder is expected; choose another folder with `--");
         for option in ["runs", "state"] {
             let refused = here.ask(&["run", &format!("--{option}"), folder, &idle]);
             check(&cluster, &refused, 1, &[&format!("{is_file}{option}`")]);
@@ -62,11 +62,11 @@ fn a_file_where_a_folder_is_expected() {
     // Even root cannot make a folder there.
     for option in ["runs", "state"] {
         let refused = here.ask(&["run", &format!("--{option}"), "/proc/x", &idle]);
-        let another = format!("choose another with `--{option}`");
+        let another = format!("choose another folder with `--{option}`");
         check(&cluster, &refused, 1, &["cannot make the folder `/proc/x", &another]);
     }
     let refused = here.clone().with_run_dir("/proc/x").ask(&["run", &idle]);
-    check(&cluster, &refused, 1, &["cannot use the folder `/proc/x", "choose another with `--run-dir`"]);
+    check(&cluster, &refused, 1, &["cannot use the folder `/proc/x", "choose another folder with `--run-dir`"]);
 }
 
 #[test]
