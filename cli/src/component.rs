@@ -36,7 +36,7 @@ pub struct AddArguments {
     /// Let the group continue when the new process fails
     #[arg(long)]
     optional: bool,
-    /// The spec that the deployment was made from, or another file: its types and constants are known, too
+    /// The spec that the deployment was made from, or another file, whose types and constants the new program can use
     #[arg(long, value_name = "FILE")]
     spec: Option<PathBuf>,
     #[command(flatten)]

@@ -24,10 +24,10 @@ pub(crate) struct Arguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
-    /// The activity, as a path or the end of one
+    /// The activity: its path, or the end of its path
     #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
     activity: ProcessName,
-    /// Without one, shows its states, its questions and the orders that it waits for
+    /// The order; without an order, shows the states and questions of the activity, and the orders that it waits for
     #[command(subcommand)]
     order: Option<Order>,
     #[command(flatten)]

@@ -25,7 +25,7 @@ pub struct Arguments {
     /// Only of this deployment: NAME, or NAME@NUMBER for one run of it
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: Option<DeploymentName>,
-    /// Go on as things happen, until Ctrl-C
+    /// Also print new events, until Ctrl-C
     #[arg(short, long)]
     follow: bool,
     /// Print each event as one object of JSON on one line; the last object has `end`

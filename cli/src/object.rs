@@ -61,7 +61,7 @@ pub struct CallArguments {
 pub struct GetArguments {
     #[command(flatten)]
     object: ObjectArgs,
-    /// Go on, and print the state after each change; looks ten times in a second
+    /// Continue, and print the state after each change; reads the state ten times per second
     #[arg(long)]
     watch: bool,
 }

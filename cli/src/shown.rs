@@ -30,10 +30,10 @@ const WATCH_EVERY: Duration = Duration::from_millis(100);
 /// The arguments of `dca queue`, `dca router` and `dca lock`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// One of them, or those of a process: [DEPLOYMENT:]INSTANCE[.NAME]; the end of the path is enough [default: all]
+    /// One name, or all names of a process: [DEPLOYMENT:]INSTANCE[.NAME]; the end of the path is enough [default: all]
     #[arg(value_parser = ShownName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: Option<ShownName>,
-    /// Go on, and print them after each change; looks ten times in a second
+    /// Continue, and print everything after each change; asks ten times per second
     #[arg(long)]
     watch: bool,
     /// How many seconds each program has to answer

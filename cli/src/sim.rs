@@ -30,10 +30,10 @@ pub struct Arguments {
     /// Let processes end by chance; the same number gives the same run
     #[arg(long, value_name = "NUMBER")]
     seed: Option<u64>,
-    /// Of a hundred ends by chance, how many are failures
+    /// How many of a hundred random ends are failures
     #[arg(long, value_name = "PERCENT", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=100), requires = "seed")]
     faults: u64,
-    /// How many things may happen by chance
+    /// How many random events may happen
     #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]
     steps: u64,
     /// Draw the activity over time, as SVG

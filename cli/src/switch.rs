@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     /// The process, as a path or the end of one, and all labels of it that are to be open: `hit/force[lbl2]`
     #[arg(value_name = "PROCESS[LABEL,...]", add = ArgValueCompleter::new(complete::processes))]
     process: Labelled,
-    /// Print how it went as JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -21,7 +21,7 @@ use trust::role::Role;
 pub(super) struct RevokeArgs {
     /// The name of the robot or user; without it the nodes of this machine are told again of all revoked keys
     name: Option<Name>,
-    /// Also if it is the only admin: another person has the key
+    /// Also revoke the only admin, because another person has the key
     #[arg(long, requires = "name")]
     last_admin: bool,
 }

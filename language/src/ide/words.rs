@@ -176,7 +176,7 @@ words! {
     Rule "backoff" "backoff ${1:100 ms} to ${2:30 s};" "The pauses before programs that die again and again are restarted: the first pause, which doubles, and the longest pause."
     Policy "runs_in" "runs_in ${1:hardware};" "The other deployment that runs the process: the process is used here, and not started."
     Policy "restart" "restart ${1:transient};" "When the program is restarted: `temporary` (never), `transient` (after a failure) or `permanent`."
-    Policy "backoff" "backoff ${1:100 ms} to ${2:30 s};" "The pauses before a program that dies again and again is restarted: the first pause, which doubles, and the longest pause. After the first death there is no pause."
+    Policy "backoff" "backoff ${1:100 ms} to ${2:30 s};" "The pauses before a program that dies again and again is restarted: the first pause, which doubles, and the longest pause. The first restart comes at once."
     Policy "replace" "replace ${1:overlap};" "How a new program replaces the running program: `overlap`, beside the running program and without a lost value, or `break_before_make`."
     Policy "watchdog" "watchdog ${1:500 ms};" "How long the program may give no sign of life before it is ended as hung; `none` for no limit."
     Policy "ready" "ready within ${1:3 s};" "How long the program may take until it can run, at its start and in each `Init`."

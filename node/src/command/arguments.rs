@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     /// Open this node, which is in no team, to everybody on the local network: anyone there can start programs
     #[arg(long, visible_alias = "lan")]
     pub(super) insecure_lan: bool,
-    /// The TCP port to listen on, of a node in a team or with `--insecure-lan` [default: any that is free]
+    /// The TCP port to listen on, of a node in a team or with `--insecure-lan` [default: any free port]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     pub(super) port: u16,
     /// A node known beforehand, for networks without multicast; may be given more than once
