@@ -29,7 +29,7 @@ pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
         clock::sleep_until(clock::now() + AGAIN_AFTER).await;
     }
     if let Err(error) = member.has_founded() {
-        tracing::warn!(%error, "the mark of the first node of a team stays; it means no more");
+        tracing::warn!(%error, "the mark of the first node of a team cannot be removed; it has no effect any more");
     }
 }
 

@@ -110,7 +110,7 @@ impl Countersigning {
     fn put(&self, key: &str, head: Vec<u8>) {
         let sent = codec::encode(&AuditHead { from: self.host.clone(), head }).map_err(anyhow::Error::from);
         if let Err(error) = sent.and_then(|bytes| Ok(self.session.put_shown(key, bytes)?)) {
-            tracing::debug!(error = format!("{error:#}"), "where an audit log has come to was not told");
+            tracing::debug!(error = format!("{error:#}"), "the position of an audit log was not sent");
         }
     }
 
@@ -128,7 +128,7 @@ impl Countersigning {
             }
             // Any node on the way may have repeated the message.
             Err(error) if error.downcast_ref() == Some(&HeadError::Old) => {
-                tracing::debug!(host = from, "a head of an audit log has come again");
+                tracing::debug!(host = from, "an old head of an audit log was received again");
             }
             Err(error) => {
                 let why = format!("{error:#}");

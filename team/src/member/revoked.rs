@@ -58,7 +58,10 @@ impl Member {
         drop(revoked);
         self.cards.judge_again();
         if let Err(error) = self.share_again() {
-            tracing::error!(error = format!("{error:#}"), "programs of another user are not told who is revoked");
+            tracing::error!(
+                error = format!("{error:#}"),
+                "programs of another user are not told which keys are revoked"
+            );
         }
         let what = format!("{REVOKE}{number}, keys {count}");
         self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
@@ -148,7 +151,7 @@ pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocatio
     for set in from_form(bytes)? {
         // Sets of an earlier team of this node do not count.
         if let Err(error) = revoked.restore(set, team) {
-            tracing::warn!(%error, "a set of revocations that was kept counts no more");
+            tracing::warn!(%error, "a stored set of revocations is ignored");
         }
     }
     Ok(revoked)
