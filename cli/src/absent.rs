@@ -117,7 +117,7 @@ pub(crate) fn no_deployment(name: &DeploymentName, found: &[(&Client, Statuses)]
 
 /// Says that no node that answers has something; hosts that do not answer may have it.
 pub(crate) fn nowhere(what: &str, near: Option<String>, away: &Absences) -> Failure {
-    let hint = suggestion::question(near, "`dca status` lists what is");
+    let hint = suggestion::question(near, "`dca status` lists what is running");
     away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; {hint}")))
 }
 
@@ -199,8 +199,8 @@ impl Absences {
         let (deployment, home) = (&end.deployment, &end.home);
         Failure::Unreachable(if is_unknown_at_home(end) {
             anyhow!(
-                "`{deployment}` has its home on `{home}`, which does not answer: it may run on there. `dca stop {name} --away {home}` has \
-                 the others tell it once it is there again"
+                "the home of `{deployment}`, `{home}`, does not answer: the deployment may still run there. `dca stop {name} --away {home}` makes \
+                 the other nodes pass the stop on when the home answers again"
             )
         } else {
             anyhow!(
@@ -256,7 +256,7 @@ impl Absences {
         let names = Vec::from_iter(hosts.iter().copied()).join("`, `");
         (!hosts.is_empty()).then(|| {
             Failure::Unreachable(anyhow!(
-                "no node that answers has the {what}; `{names}` {do_not} answer, where it may run"
+                "no node that answers has the {what}; `{names}` {do_not} answer, and it may run there"
             ))
         })
     }
@@ -265,14 +265,18 @@ impl Absences {
     pub(crate) fn warnings(&self) -> Vec<String> {
         let host = |one: &AbsentHost| {
             let how = if one.lost { "is lost" } else { "does not answer" };
-            format!("warning: `{}` {how}, it was heard {}: what runs there is not known", one.host, ago(one.heard))
+            format!(
+                "warning: `{}` {how} and was last heard {}: the programs that run there are not known",
+                one.host,
+                ago(one.heard)
+            )
         };
         let end = |end: &OpenEnd| {
             let (name, hosts) = (&end.deployment.name, self.confirmers(end));
             let then = if end.hosts.iter().all(|one| self.revoked.contains(&one.host)) {
-                "No node of the team can end them"
+                "No node of the team can end the programs"
             } else {
-                "They are asked when they are there"
+                "The hosts are asked when they answer again"
             };
             format!(
                 "warning: {hosts} not confirmed that nothing of `{}` is left: its programs may still run there. {then}; \
@@ -281,10 +285,14 @@ impl Absences {
             )
         };
         let revoked = |host: &String| {
-            format!("warning: `{host}` is revoked: what runs there is not known, and no node of the team ends it")
+            format!(
+                "warning: `{host}` is revoked: the programs that run there are not known, and no node of the team can end them"
+            )
         };
         let back = |host: &String| {
-            format!("warning: `{host}` has just come back, and has not answered yet: what runs there is not known")
+            format!(
+                "warning: `{host}` has just come back, and has not answered yet: the programs that run there are not known"
+            )
         };
         let twice = self
             .outlawed
@@ -311,8 +319,8 @@ pub(crate) fn outlawed(host: &str) -> String {
 /// Says that two nodes have the same name.
 pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String {
     format!(
-        "warning: two nodes are called `{host}`: {first}; and {second}. Nothing begins under this name, and what is said of it here \
-         is of one of them, before one has another name (`dca-node --name`)"
+        "warning: two nodes are called `{host}`: {first}; and {second}. No deployment begins under this name, and this output \
+         shows only one of the two nodes, until one of them has another name (`dca-node --name`)"
     )
 }
 
@@ -356,7 +364,10 @@ mod tests {
         let away = Absences::new(told, &there(&["c1", "c3"]));
         assert_eq!((away.hosts.clone(), away.ends.clone()), (vec![lost("c2", 40)], vec![end("c1", "c2")]));
         let warnings = away.warnings();
-        assert_eq!(warnings[0], "warning: `c2` is lost, it was heard 40 s ago: what runs there is not known");
+        assert_eq!(
+            warnings[0],
+            "warning: `c2` is lost and was last heard 40 s ago: the programs that run there are not known"
+        );
         assert!(warnings[1].starts_with("warning: `c2` (lost, heard 40 s ago) has not confirmed"), "{warnings:?}");
         // The home does not answer, so the report of a participant counts.
         let away = Absences::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
@@ -382,11 +393,11 @@ mod tests {
         assert!(warnings[0].starts_with("warning: the keys of `c1` are revoked"), "{warnings:?}");
         let last = warnings.last().map_or("", String::as_str);
         assert!(last.starts_with("warning: `c3` (revoked, heard 40 s ago) has not confirmed"), "{warnings:?}");
-        assert!(last.contains("No node of the team can end them"), "{warnings:?}");
+        assert!(last.contains("No node of the team can end the programs"), "{warnings:?}");
         let Some(Failure::Unreachable(why)) = away.may_have("deployment `door`") else { panic!("c2 may have it") };
         assert_eq!(
             why.to_string(),
-            "no node that answers has the deployment `door`; `c2` does not answer, where it may run"
+            "no node that answers has the deployment `door`; `c2` does not answer, and it may run there"
         );
     }
 

@@ -53,6 +53,6 @@ async fn only_one(all: &[(&Client, Statuses)]) -> Result<DeploymentName, Failure
     match &Vec::from_iter(names)[..] {
         [] => Err(absent::nowhere("deployment", None, &absent::ask(all).await)),
         [one] => DeploymentName::parse(one).map_err(|why| anyhow!(why).into()),
-        several => Err(anyhow!("several run: `{}`; name one", several.join("`, `")).into()),
+        several => Err(anyhow!("several deployments run: `{}`; name one of them", several.join("`, `")).into()),
     }
 }

@@ -124,7 +124,7 @@ fn verified(path: &Path, text: &str, signed: &Signed) -> anyhow::Result<Log> {
     };
     read(verifier).with_context(|| {
         let of_others = signed.signer_of_last().map_or_else(String::new, |name| format!(", as `{name}` has signed it"));
-        format!("`{}` is not as it was written{of_others}", path.display())
+        format!("the log `{}` was changed after it was written{of_others}", path.display())
     })
 }
 

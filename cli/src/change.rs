@@ -158,7 +158,7 @@ pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollo
     let (home, probation) = (home(&spec.plan)?, rollout.probation);
     let Some(running) = revision(client, &home, &spec.plan.name).await? else {
         return match &rollout.canary {
-            Some(host) => Err(anyhow!("nothing runs as `{}` that `{host}` could change first", spec.plan.name).into()),
+            Some(host) => Err(anyhow!("`{}` is not running, so `{host}` cannot change first", spec.plan.name).into()),
             None => Ok(false),
         };
     };
@@ -212,7 +212,7 @@ async fn change_by_canary(
     if matches!(failure, Failure::Unreachable(_)) {
         return Err(failure);
     }
-    console::note(&format!("the rest of `{name}` is not changed, so `{host}` is taken back"));
+    console::note(&format!("the rest of `{name}` is not changed, so the change of `{host}` is taken back"));
     change(client, home, of_canary(), before.clone(), Vec::new(), probation).await?;
     Err(failure)
 }
@@ -264,7 +264,7 @@ pub(crate) async fn change(
         Some(Ok(answer)) => answer,
         Some(Err(Failure::Unreachable(why))) => return Err(Failure::Unreachable(unknown(&name, why))),
         Some(Err(failure)) => return Err(failure),
-        None => return Err(Failure::Unreachable(unknown(&name, anyhow!("the node `{home}` said nothing more")))),
+        None => return Err(Failure::Unreachable(unknown(&name, anyhow!("the node `{home}` sent no more reports")))),
     };
     if let Answer::Report(Report::Unchanged { reasons, .. }) = answer {
         return Err(anyhow!("`{name}@{epoch}` is not changed: {}", reasons.join("; ")).into());
@@ -287,13 +287,13 @@ pub(crate) async fn change(
 /// Returns the message for a user who leaves before the end of a change.
 fn left_alone(name: &str) -> anyhow::Error {
     anyhow!(
-        "left before the home said what became of the change of `{name}`, which goes on without this command; `dca plan` shows \
-         what differs, `dca events {name}` what happened"
+        "this command ends before the home has reported the result; the change of `{name}` continues. `dca plan` shows \
+         what differs, and `dca events {name}` shows what happened"
     )
 }
 
 fn unknown(name: &str, why: anyhow::Error) -> anyhow::Error {
-    why.context(format!("whether `{name}` was changed is not known; `dca plan` shows what differs"))
+    why.context(format!("it is not known whether `{name}` was changed; `dca plan` shows what differs"))
 }
 
 fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result<(), Failure> {
@@ -303,7 +303,7 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
             console::answer(&json!({ "deployment": null, "start": wanted.leaves.len(), "hosts": wanted.hosts }));
         } else {
             let hosts = wanted.hosts.join("`, `");
-            console::say(&format!("nothing runs as `{}`: {programs} would start on `{hosts}`", wanted.name));
+            console::say(&format!("`{}` is not running: {programs} would start on `{hosts}`", wanted.name));
         }
         return Ok(());
     };
@@ -347,15 +347,15 @@ fn underway_text(name: &str, revision: u32, change: &ChangeUnderway) -> String {
             format!("`{name}`, revision {revision}; the hosts examine a change to revision {next} by {by}")
         }
         ChangeStage::Applied => {
-            format!("`{name}`, as revision {next} by {by} will be, whose programs are being started")
+            format!("`{name}`, as it will be in revision {next} by {by}, whose programs are being started")
         }
         ChangeStage::Probation => {
             format!(
-                "`{name}`, as revision {next} by {by} will be, which is in its probation; until then it is revision {revision}"
+                "`{name}`, as it will be in revision {next} by {by}, which is in its probation; until then revision {revision} is current"
             )
         }
         ChangeStage::TakenBack => {
-            format!("`{name}`, revision {revision}, which comes back: revision {next} by {by} has failed")
+            format!("`{name}`, revision {revision}, to which it returns: revision {next} by {by} has failed")
         }
     }
 }

@@ -110,7 +110,7 @@ fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
         let other = load(file, &arguments.controllers, &Values::default(), arguments.deny.is_some())?;
         let uses = |plan: &Plan| plan.leaves.iter().filter_map(|leaf| leaf.external.clone()).collect::<Vec<_>>();
         if !uses(&spec.plan).iter().any(|external| external.deployment == other.plan.name) {
-            problems.push(format!("nothing of `{}` is used: no process has `runs_in {0}`", other.plan.name));
+            problems.push(format!("the spec uses no process of `{}`: no process has `runs_in {0}`", other.plan.name));
         }
         problems.extend(externals::against(&spec.plan, &spec.modules, &other.plan, &other.modules));
     }
@@ -153,7 +153,7 @@ pub(crate) fn load(
     {
         let own = programs::beside("dca-controller");
         console::note(&format!(
-            "note: `{}`, which offers the controllers of DCA, is not there; put it there, or name your own with `--controllers`",
+            "note: `{}`, which offers the controllers of DCA, does not exist; put it there, or name your own program with `--controllers`",
             own.display()
         ));
     }

@@ -159,11 +159,13 @@ impl Clients {
 fn no_node(other: Option<u32>) -> anyhow::Error {
     match other {
         Some(user) => anyhow!(
-            "no node of this user runs on this machine; user {user} has the folder of one, `/run/dca`: act as that user, such as with \
+            "no node of this user runs on this machine; user {user} owns the folder of a node, `/run/dca`: act as that user, for example with \
              `sudo -u '#{user}' dca status`"
         ),
         None => {
-            anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
+            anyhow!(
+                "no node runs on this machine; start one with `dca-node --name NAME`, or search the network with `--lan`"
+            )
         }
     }
 }
@@ -210,7 +212,7 @@ impl Client {
             (Err(_), several) => {
                 let several: Vec<String> = several.iter().map(|folder| folder.display().to_string()).collect();
                 let several = several.join("` or `");
-                Err(anyhow!("several `dca run` are going; choose one with `--run-dir`: `{several}`").into())
+                Err(anyhow!("several `dca run` commands are running; choose one with `--run-dir`: `{several}`").into())
             }
         }
     }
@@ -334,7 +336,7 @@ impl Client {
     /// Returns a sentence for each of these hosts that the session has heard but is not linked to.
     pub(crate) fn unlinked(&self, hosts: &[&str]) -> Vec<String> {
         let missing = self.session.unlinked().into_iter().filter(|(who, _)| hosts.contains(&who.as_str()));
-        missing.map(|(who, why)| format!("`{who}` was heard, but a link to it does not stand: {why}")).collect()
+        missing.map(|(who, why)| format!("`{who}` was heard, but the link to it was not established: {why}")).collect()
     }
 
     /// Returns the node of this machine that the connection goes through, while the link to this node holds.
@@ -456,7 +458,7 @@ fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
     if !file.is_file() {
         return Ok(session);
     }
-    let identity = VisitorIdentity::open(&file).context("reading what shows who is in the team")?;
+    let identity = VisitorIdentity::open(&file).context("reading the credentials of the team")?;
     Ok(session.authenticated_by(Arc::new(identity)))
 }
 
@@ -469,7 +471,7 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
     if let Answer::Refused(why) = answer {
         return anyhow!("host `{host}`: {why}").into();
     }
-    anyhow!("host `{host}` answered something that was not asked").into()
+    anyhow!("unexpected answer from host `{host}`").into()
 }
 
 /// Returns the text of a failure.

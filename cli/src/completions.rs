@@ -41,7 +41,7 @@ fn script(shell: Shell, of: Program) -> anyhow::Result<Vec<u8>> {
         Program::Dca => {
             let shells = Shells::builtins();
             let named = shells.completer(&shell.to_string());
-            let named = named.ok_or_else(|| anyhow::anyhow!("no words are known for the shell `{shell}`"))?;
+            let named = named.ok_or_else(|| anyhow::anyhow!("the shell `{shell}` is not supported"))?;
             named.write_registration(VARIABLE, "dca", "dca", "dca", &mut script)?;
             if shell == Shell::Bash {
                 script.extend(BASH_WORDS.as_bytes());

@@ -36,7 +36,7 @@ pub struct AddArguments {
     /// Let the group continue when the new process fails
     #[arg(long)]
     optional: bool,
-    /// The spec that the deployment was made from, or another file: its types and constants are known, too
+    /// The spec that the deployment was made from, or another file, whose types and constants the new program can use
     #[arg(long, value_name = "FILE")]
     spec: Option<PathBuf>,
     #[command(flatten)]
@@ -118,11 +118,11 @@ fn piece(arguments: &AddArguments, name: &str, running: &Plan) -> Result<Plan, F
     let first = compiled(&bare);
     let (shown, compiled) =
         if first.plan.is_some() { (bare, first) } else { (with_arguments.clone(), compiled(&with_arguments)) };
-    let hint = if arguments.spec.is_none() { "; types that a spec declares are known with `--spec FILE`" } else { "" };
+    let hint = if arguments.spec.is_none() { "; `--spec FILE` adds the types that a spec declares" } else { "" };
     let Some(plan) = compiled.plan else {
         let source = Source::new("<dca add>", shown.as_str());
         console::note(&render(&compiled.diagnostics, &source, &others, check::style()));
-        console::note(&format!("what is added was not understood{hint}"));
+        console::note(&format!("the added program or connection is wrong{hint}"));
         return Err(Failure::Reported);
     };
     let own = plan.leaves.iter().find(|leaf| leaf.path == format!("main/{name}"));

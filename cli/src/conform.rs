@@ -113,15 +113,15 @@ impl Recorded {
     fn without_steps(&self, run: &Run) -> String {
         let is_refused = |entry: &Entry| matches!(entry, Entry::Report(Report::Refused { .. }));
         if self.is_changed {
-            "the plan was changed before the first one was recorded".to_owned()
+            "the plan was changed before the first step was recorded".to_owned()
         } else if self.omitted > 0 {
-            format!("those that there are come after others that it lacks, {}", counted(self.omitted, "step"))
+            format!("the recorded steps come after missing steps, {}", counted(self.omitted, "step"))
         } else if run.entries.iter().any(is_refused) {
             "the deployment was refused, so nothing was started".to_owned()
         } else if let Some(lacks) = run.lacks() {
             format!("{lacks}; supervisors send their steps in batches, the last with the end of their group")
         } else {
-            "the nodes were of a version that records none".to_owned()
+            "the nodes were of a version that does not record steps".to_owned()
         }
     }
 
@@ -178,24 +178,22 @@ fn summary(found: &Conformance, recorded: &Recorded) -> String {
     }
     if recorded.omitted > 0 {
         let steps = counted(recorded.omitted, "step");
-        text += &format!("NOT COMPARED: {steps}, since the record lacks what came before\n");
+        text += &format!("NOT COMPARED: {steps}, since the record lacks the previous steps\n");
     }
     if recorded.is_changed {
-        text += "NOT COMPARED: what came after the plan was changed while it ran\n";
+        text += "NOT COMPARED: the steps after a change of the plan during the run\n";
     }
     if !recorded.endless.is_empty() {
         text += &format!("NOT COMPARED: the end of {}, which the record lacks\n", recorded.endless.join(", "));
     }
     if !recorded.unseen.is_empty() {
-        text += &format!(
-            "NOT COMPARED: {}, of which the record has no step, although it ran\n",
-            recorded.unseen.join(", ")
-        );
+        text +=
+            &format!("NOT COMPARED: {}, which ran, but the record has none of its steps\n", recorded.unseen.join(", "));
     }
     let supervisors = recorded.lives.iter().filter(|lives| !lives.is_empty()).count();
     let (steps, supervisors) = (counted(found.steps, "step"), counted(supervisors, "supervisor"));
     let deviations = match found.deviations.len() {
-        0 => "all as the spec says".to_owned(),
+        0 => "all steps agree with the spec".to_owned(),
         count => counted(count, "deviation"),
     };
     format!("{text}{steps} of {supervisors}: {deviations}")

@@ -24,10 +24,10 @@ pub(crate) struct Arguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
-    /// The activity, as a path or the end of one
+    /// The activity: its path, or the end of its path
     #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
     activity: ProcessName,
-    /// Without one, shows its states, its questions and the orders that it waits for
+    /// The order; without an order, shows the states and questions of the activity, and the orders that it waits for
     #[command(subcommand)]
     order: Option<Order>,
     #[command(flatten)]
@@ -152,7 +152,7 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let meant: Vec<&ProcessStatus> = shown.iter().filter(|shown| is_path(&shown.path, &process)).collect();
     let Some(order) = &arguments.order else {
         let [one] = meant.as_slice() else {
-            return Err(anyhow!("{} activities of `{deployment}` that run are called `{process}`", meant.len()).into());
+            return Err(anyhow!("{} running activities of `{deployment}` are called `{process}`", meant.len()).into());
         };
         console::say(&page(one));
         return Ok(());
@@ -190,9 +190,9 @@ pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     match taken {
         Taken::Reacted => format!("`{path}` has taken {order}"),
         Taken::Waits => {
-            format!("`{path}` has {order}, and reacts when the processes that are being stopped have ended")
+            format!("`{path}` has received {order}, and reacts when the processes that are being stopped have ended")
         }
-        Taken::Ignored => format!("`{path}` has {order}, and no transition takes it in the present states"),
+        Taken::Ignored => format!("`{path}` has received {order}, but no transition takes it in the present states"),
     }
 }
 

@@ -101,9 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if let Some(hanging) = named(&hosts, |outcome| matches!(outcome, Outcome::Unknown(_))) {
         let what = if arguments.release { "may begin" } else { "runs" };
-        return Err(Failure::Unreachable(anyhow!(
-            "it is not known what {what} on {hanging}; ask again with the same command"
-        )));
+        return Err(Failure::Unreachable(anyhow!("it is not known what {what} on {hanging}; repeat the same command")));
     }
     if let Some(refused) = named(&hosts, |outcome| matches!(outcome, Outcome::Refused(_))) {
         return Err(anyhow!("refused by {refused}").into());
@@ -111,20 +109,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(left) = named(&hosts, |outcome| matches!(outcome, Outcome::Stopped(there) if !there.unended.is_empty()))
     {
         return Err(anyhow!(
-            "not everything could be ended on {left}: end it there; `dca status` names the processes that still run"
+            "some processes could not be ended on {left}: end them there; `dca status` names the processes that still run"
         )
         .into());
     }
     if let Some(unwritten) = named(&hosts, |outcome| outcome.unwritten().is_some()) {
         let what = if arguments.release { "programs may begin" } else { "everything is stopped" };
         return Err(anyhow!(
-            "the disk of {unwritten} does not have it: the node would not know after a restart that {what}; make room on the disk, \
-             then the same command again"
+            "the disk of {unwritten} could not store this: after a restart, the node would not know that {what}; make room on the disk, \
+             then repeat the same command"
         )
         .into());
     }
     if !arguments.release && !arguments.json {
-        console::note("nothing begins on these hosts before `dca estop --release`");
+        console::note("no program starts on these hosts before `dca estop --release`");
     }
     Ok(())
 }
@@ -221,7 +219,7 @@ async fn wave(client: &Client, hosts: &BTreeSet<String>, request: &Request) -> V
             Some(Ok(other)) => Outcome::Refused(words(&unasked(host, &other))),
             Some(Err(failure @ Failure::Refused(_))) => Outcome::Refused(words(&failure)),
             Some(Err(failure)) => Outcome::Unknown(words(&failure)),
-            None => Outcome::Unknown(format!("it has not said within {} that nothing runs", span(within))),
+            None => Outcome::Unknown(format!("it has not confirmed within {} that no program runs", span(within))),
         };
         outcomes.push((host.clone(), outcome));
     }
@@ -236,7 +234,7 @@ fn named(hosts: &BTreeMap<String, Outcome>, is_so: impl Fn(&Outcome) -> bool) ->
 }
 
 fn but_unwritten(why: Option<&str>) -> String {
-    why.map_or_else(String::new, |why| format!("; its disk does not have that: {why}"))
+    why.map_or_else(String::new, |why| format!("; its disk could not store this: {why}"))
 }
 
 /// Returns the result of a host in words that follow its name.
@@ -255,7 +253,7 @@ pub(crate) fn in_words(outcome: &Outcome) -> String {
             words.to_owned() + &but_unwritten(unwritten.as_deref())
         }
         Outcome::Refused(why) | Outcome::Unknown(why) => why.clone(),
-        Outcome::Revoked => "its keys are revoked: it is not asked, and its programs are not known".to_owned(),
+        Outcome::Revoked => "its keys are revoked: the host is not asked, and its programs are not known".to_owned(),
     }
 }
 

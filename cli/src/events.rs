@@ -25,7 +25,7 @@ pub struct Arguments {
     /// Only of this deployment: NAME, or NAME@NUMBER for one run of it
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: Option<DeploymentName>,
-    /// Go on as things happen, until Ctrl-C
+    /// Also print new events, until Ctrl-C
     #[arg(short, long)]
     follow: bool,
     /// Print each event as one object of JSON on one line; the last object has `end`
@@ -108,7 +108,7 @@ impl Printer<'_> {
                     }
                 }
                 if let Some(why) = self.unknown().filter(|_| self.arguments.follow) {
-                    console::note(&format!("note: waiting for it: {why}"));
+                    console::note(&format!("note: waiting for this deployment: {why}"));
                 }
                 if !self.arguments.follow {
                     return Ok(Some(if self.lost.is_empty() { End::Complete } else { End::Incomplete }));
@@ -135,7 +135,7 @@ impl Printer<'_> {
             return None;
         }
         let near = suggestion::deployment(name, self.known.iter());
-        let hint = suggestion::question(near, "`dca events` prints all that is known");
+        let hint = suggestion::question(near, "`dca events` prints all known events");
         Some(format!("no node knows a deployment `{name}`; {hint}"))
     }
 
@@ -188,7 +188,7 @@ impl Printer<'_> {
         let lost: Vec<&str> = self.lost.iter().map(String::as_str).collect();
         match end {
             End::Incomplete => Err(Failure::Unreachable(anyhow!(
-                "that is not everything: `{}` has not told what it knows",
+                "the list is not complete: `{}` has not sent its events",
                 lost.join("`, `")
             ))),
             End::Complete | End::Interrupted | End::Unread => Ok(()),

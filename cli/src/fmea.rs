@@ -75,10 +75,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     }
     for program in table.unfinished.iter().take(UNFINISHED_MAX) {
-        console::note(&format!("`{program}` was not looked at whole: a limit was reached"));
+        console::note(&format!("not all faults of `{program}` were examined: a limit was reached"));
     }
     if let Some(more @ 1..) = table.unfinished.len().checked_sub(UNFINISHED_MAX) {
-        console::note(&format!("and {more} more were not"));
+        console::note(&format!("and {more} more programs were not examined completely"));
     }
     if table.unfinished.is_empty() { Ok(()) } else { Err(Failure::Limited) }
 }
@@ -111,7 +111,7 @@ fn text(table: &Table, tells_stories: bool, faults: Faults) -> String {
         Faults::Two => {
             let harmless = counted(table.harmless, "other pair");
             let all = if all.is_empty() { String::new() } else { format!(": {all}") };
-            text + &format!("{rows} over {states}{all}; {harmless} no worse than one of the two alone\n")
+            text + &format!("{rows} over {states}{all}; {harmless} no worse than one of the two faults alone\n")
         }
     }
 }

@@ -59,7 +59,7 @@ pub struct FollowArgs {
 
 /// The user has left before the end of a mission.
 #[derive(Debug, thiserror::Error)]
-#[error("`{name}` was left while it was stopping")]
+#[error("this command ended while `{name}` was stopping")]
 pub(crate) struct Left {
     name: String,
 }
@@ -227,7 +227,7 @@ impl Watch {
         }
         let Some(deployment) = self.deployment.clone() else {
             let (home, name) = (&self.home, &self.name);
-            let gone = || Failure::Unreachable(anyhow!("the node `{home}` went away before it took `{name}` on"));
+            let gone = || Failure::Unreachable(anyhow!("the node `{home}` went away before it accepted `{name}`"));
             return Err(why.unwrap_or_else(gone));
         };
         let now = clock::now();
@@ -273,7 +273,7 @@ impl Watch {
         if asked.is_some() {
             return Err(anyhow!(Left { name: self.name.clone() }).into());
         }
-        self.output.note("stopping everything; once more to leave without waiting");
+        self.output.note("stopping everything; press Ctrl-C again to leave without waiting");
         *asked = Some(client.stop_on(home, &self.name, self.deployment.as_ref()).await?);
         Ok(())
     }
@@ -454,7 +454,7 @@ async fn twice([one, other]: [&mut Signal; 2], count: &mut u32) {
         *count += 1;
         if *count == 1 {
             console::note(
-                "stopping everything as soon as the mission is heard again; once more to leave without waiting",
+                "stopping everything as soon as the mission is heard again; press Ctrl-C again to leave without waiting",
             );
         }
     }

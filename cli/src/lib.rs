@@ -249,8 +249,8 @@ impl ConnectArgs {
 
 /// Reads a number of seconds within a range.
 fn seconds(text: &str, range: &RangeInclusive<f64>) -> Result<f64, String> {
-    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is not a number of seconds".to_owned())?;
-    let within = || format!("it is from {} to {} seconds", range.start(), range.end());
+    let seconds: f64 = text.parse().map_err(|_not_a_number| "expected a number of seconds".to_owned())?;
+    let within = || format!("expected a number from {} to {} seconds", range.start(), range.end());
     range.contains(&seconds).then_some(seconds).ok_or_else(within)
 }
 
@@ -296,7 +296,7 @@ impl Values {
         let sentence = |host: &String| {
             let near = language::nearest(host, self.hosts.iter().map(String::as_str));
             let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-            format!("warning: `{host}` is none of the hosts in `{}`{hint}", project::FILE)
+            format!("warning: `{host}` is not one of the hosts in `{}`{hint}", project::FILE)
         };
         hosts.iter().filter(is_strange).map(sentence).collect()
     }

@@ -69,7 +69,7 @@ fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
         return Ok(());
     }
     let silent = Vec::from_iter(silent.iter().map(String::as_str)).join(", ");
-    Err(Failure::Unreachable(anyhow!("that is not everything: {silent} did not answer")))
+    Err(Failure::Unreachable(anyhow!("the list is not complete: {silent} did not answer")))
 }
 
 /// Returns the entries of all matching programs, and the hosts that have not answered.

@@ -28,16 +28,16 @@ pub struct Arguments {
     /// listed
     #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     process: Option<ProcessName>,
-    /// Go on as it writes
+    /// Also print new output
     #[arg(short, long)]
     follow: bool,
     /// List the processes as JSON
     #[arg(long, conflicts_with_all = ["follow", "raw"])]
     json: bool,
-    /// Print its bytes unchanged: control characters may do anything to a terminal
+    /// Print the bytes of the output unchanged: control characters may do anything to a terminal
     #[arg(long)]
     raw: bool,
-    /// Where records are, for a process that runs no more
+    /// The folder with records, for a process that no longer runs
     #[arg(long, value_name = "DIR", default_value = "runs")]
     runs: PathBuf,
     /// Read the latest record that has the process, and ask no node
@@ -188,7 +188,7 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
         is_read = print(&bytes)?;
     }
     if is_empty {
-        console::note("note: it has written nothing");
+        console::note("note: this process has written nothing");
     }
     console::pass(printable.finish().as_bytes())?;
     Ok(())

@@ -236,9 +236,10 @@ fn name(folder: &Path, is_program: bool) -> Result<String, Failure> {
     // Cargo treats `a-b` and `a_b` as the same crate.
     let is_same = |taken: &&str| taken.replace('-', "_") == name.replace('-', "_");
     if is_program && TAKEN.iter().chain(&WORDS).any(is_same) {
-        return Err(
-            anyhow!("a program cannot be called `{name}`: Rust, Cargo or DCA means something else by it").into()
-        );
+        return Err(anyhow!(
+            "a program cannot be called `{name}`: this word has another meaning in Rust, Cargo or DCA"
+        )
+        .into());
     }
     Ok(name)
 }

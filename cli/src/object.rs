@@ -61,7 +61,7 @@ pub struct CallArguments {
 pub struct GetArguments {
     #[command(flatten)]
     object: ObjectArgs,
-    /// Go on, and print the state after each change; looks ten times in a second
+    /// Continue, and print the state after each change; reads the state ten times per second
     #[arg(long)]
     watch: bool,
 }
@@ -93,10 +93,10 @@ pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
         let found = find(&all, taps, &name.process).await?;
         let exported = exported(&found, &name.name)?;
         if exported.kind == ExportKind::State {
-            return Err(anyhow!("`{}` is a state, which is read: `dca get {name}`", name.name).into());
+            return Err(anyhow!("`{}` is a state; read it with `dca get {name}`", name.name).into());
         }
         let bytes = argument(&found.exports, &exported.signature, &arguments.argument);
-        let bytes = bytes.map_err(|why| anyhow!("`{}` cannot be called so: {why}", name.name))?;
+        let bytes = bytes.map_err(|why| anyhow!("`{}` cannot be called in this way: {why}", name.name))?;
         let prepared = taps.prepare(exported, bytes, arguments.object.within());
         let Program { client, at } = found.program;
         let callee = Callee { deployment: at.deployment, host: at.host, path: found.program.path() };
@@ -115,7 +115,7 @@ pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
         let found = find(&all, taps, &name.process).await?;
         let exported = exported(&found, &name.name)?;
         if exported.kind == ExportKind::Procedure {
-            return Err(anyhow!("`{}` is a procedure: `dca call {name}`", name.name).into());
+            return Err(anyhow!("`{}` is a procedure; call it with `dca call {name}`", name.name).into());
         }
         let mut shown = None;
         loop {
@@ -146,7 +146,7 @@ impl Visit<'_> {
         let Self { taps, found, within } = self;
         let exported = exported(found, procedure)?;
         let bytes = argument_of_json(&found.exports, &exported.signature, given);
-        let bytes = bytes.map_err(|why| anyhow!("`{procedure}` cannot be called so: {why}"))?;
+        let bytes = bytes.map_err(|why| anyhow!("`{procedure}` cannot be called in this way: {why}"))?;
         let prepared = taps.prepare(exported, bytes, *within);
         let Program { client, at } = found.program;
         let callee = Callee { deployment: at.deployment, host: at.host, path: found.program.path() };
@@ -169,7 +169,7 @@ pub(crate) fn visit<T>(
         result = Some(work(&Visit { taps, found, within }).await?);
         Ok(())
     }))?;
-    result.ok_or_else(|| anyhow!("the reader of this command has left").into())
+    result.ok_or_else(|| anyhow!("the reader of this command's output has ended").into())
 }
 
 async fn with_taps(
@@ -223,7 +223,9 @@ async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &Process
         several => {
             let names = several.iter().map(|one| format!("`{}:{}`", one.at.deployment.name, one.path()));
             let names = names.collect::<Vec<_>>().join(", ");
-            return Err(anyhow!("several processes are called `{name}`: {names}; name one of them whole").into());
+            return Err(
+                anyhow!("several processes are called `{name}`: {names}; give the whole path of one process").into()
+            );
         }
     };
     let (deployment, path) = (program.at.deployment, program.path());
@@ -361,7 +363,9 @@ pub(crate) async fn exports_of(
     dial: Dial,
 ) -> Result<Exports, Failure> {
     taps.dial(dial).await?;
-    let silent = || anyhow!("`{path}` does not say what it exports: it has no links yet, or is of an older DCA");
+    let silent = || {
+        anyhow!("`{path}` has not reported its exports: it has no links yet, or was built with an older version of DCA")
+    };
     taps.exports(&deployment.name, path).await?.ok_or_else(|| Failure::Unreachable(silent()))
 }
 

@@ -69,7 +69,7 @@ impl Outputs {
                 piece = self.arriving.recv() => piece,
                 () = clock::sleep_until(deadline) => {
                     if !pause_max.is_zero() {
-                        console::note("warning: not all that programs wrote is recorded: the rest did not come in time");
+                        console::note("warning: some output of programs is not recorded: it did not arrive in time");
                     }
                     None
                 }
@@ -102,7 +102,7 @@ async fn hear(host: String, mut answers: Answers, sink: Sender<OutputOf<Vec<u8>>
 }
 
 fn incomplete(host: &str, why: &Failure) -> String {
-    format!("warning: not all that programs of `{host}` write is recorded: {}", words(why))
+    format!("warning: some output of programs of `{host}` is not recorded: {}", words(why))
 }
 
 /// Returns whether the failure comes from the spec itself, such as a deadline.

@@ -203,7 +203,7 @@ impl Get {
         }
         let parameter = program.parameter(&self.parameter)?;
         let value = program.value(&parameter.name).with_context(|| {
-            format!("`{}` of `{}` has no value but its program's own", parameter.name, program.name())
+            format!("no value of `{}` of `{}` is set; its program uses its own value", parameter.name, program.name())
         })?;
         if self.database.json {
             console::answer(&value);
@@ -257,7 +257,7 @@ impl Unset {
         let Some((key, _)) = set.last() else {
             return Err(anyhow!("`{}` of `{}` was not changed", parameter.name, program.name()).into());
         };
-        self.delete(std::slice::from_ref(key), anyhow!("nothing is to be deleted").into())
+        self.delete(std::slice::from_ref(key), anyhow!("the parameter has no value that can be deleted").into())
     }
 
     /// Deletes the matching key, if there is only one. If no key matches, returns the failure `none`.
@@ -270,7 +270,7 @@ impl Unset {
             [] => Err(none),
             several => {
                 let (name, keys) = (&self.instance, several.join("`, `"));
-                Err(anyhow!("`{name}` may be meant by `{keys}`; `dca db delete KEY` deletes one").into())
+                Err(anyhow!("several keys can mean `{name}`: `{keys}`; `dca db delete KEY` deletes one of them").into())
             }
         }
     }
@@ -364,10 +364,10 @@ impl Found {
         let (name, module) = (program.name(), &program.told.module);
         if self.active.contains(&(program.told.deployment.clone(), program.told.path.clone())) {
             format!(
-                "note: `{name}` runs: it takes the value at once if `{module}` takes changes while it runs, else at its next activation"
+                "note: `{name}` runs: it uses the value at once if `{module}` accepts changes while it runs, otherwise at its next activation"
             )
         } else {
-            format!("note: `{name}` is not active: the value counts from its next activation on")
+            format!("note: `{name}` is not active: it uses the value from its next activation on")
         }
     }
 
@@ -379,7 +379,7 @@ impl Found {
             (None, _) => Err(self.lacks(name)),
             (Some(one), Some(other)) => {
                 let (one, other) = (one.name(), other.name());
-                Err(anyhow!("`{name}` may be `{one}` or `{other}`; give more of the path").into())
+                Err(anyhow!("`{name}` can mean `{one}` or `{other}`; give more of the path").into())
             }
         }
     }

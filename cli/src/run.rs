@@ -37,7 +37,7 @@ pub struct Arguments {
     controllers: Controllers,
     #[command(flatten)]
     values: Values,
-    /// Keep the database of its nodes in this folder [default: it is gone when the command ends]
+    /// Keep the database of its nodes in this folder [default: the database is gone when the command ends]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Folder with the sockets of this machine's nodes, where other verbs find this command's, too
@@ -134,7 +134,7 @@ impl Nodes {
         let result = tokio::select! {
             result = deploy::deploy(&client, spec, following, StartMode::AtOnce, None) => result,
             why = ended(&mut self.running) => {
-                Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
+                Err(why.err().unwrap_or_else(|| anyhow!("a node ended during the run")).into())
             }
         };
         client.close().await;

@@ -30,10 +30,10 @@ const WATCH_EVERY: Duration = Duration::from_millis(100);
 /// The arguments of `dca queue`, `dca router` and `dca lock`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// One of them, or those of a process: [DEPLOYMENT:]INSTANCE[.NAME]; the end of the path is enough [default: all]
+    /// One name, or all names of a process: [DEPLOYMENT:]INSTANCE[.NAME]; the end of the path is enough [default: all]
     #[arg(value_parser = ShownName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: Option<ShownName>,
-    /// Go on, and print them after each change; looks ten times in a second
+    /// Continue, and print everything after each change; asks ten times per second
     #[arg(long)]
     watch: bool,
     /// How many seconds each program has to answer
@@ -139,7 +139,7 @@ async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
         }
         if !found.silent.is_empty() {
             let silent = Vec::from_iter(found.silent.iter().map(String::as_str)).join(", ");
-            return Err(Failure::Unreachable(anyhow!("that is not everything: {silent} did not answer")));
+            return Err(Failure::Unreachable(anyhow!("the list is not complete: {silent} did not answer")));
         }
         if !arguments.watch {
             return Ok(());

@@ -30,10 +30,10 @@ pub struct Arguments {
     /// Let processes end by chance; the same number gives the same run
     #[arg(long, value_name = "NUMBER")]
     seed: Option<u64>,
-    /// Of a hundred ends by chance, how many are failures
+    /// How many of a hundred random ends are failures
     #[arg(long, value_name = "PERCENT", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=100), requires = "seed")]
     faults: u64,
-    /// How many things may happen by chance
+    /// How many random events may happen
     #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]
     steps: u64,
     /// Draw the activity over time, as SVG
@@ -94,10 +94,10 @@ fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
     console::say(&played.lines.iter().map(|line| format!("{line}\n")).collect::<String>());
     match played.result {
         PlayResult::Same => {
-            console::say("it comes to the same as in the story\n");
+            console::say("the run ends as in the story\n");
             Ok(())
         }
-        PlayResult::Other(how) => Err(anyhow!("it comes to something else: {how}").into()),
+        PlayResult::Other(how) => Err(anyhow!("the run ends in another way: {how}").into()),
         PlayResult::Ends(error) => Err(anyhow!("the story ends after step {}: {error}", played.lines.len()).into()),
     }
 }

@@ -88,7 +88,7 @@ fn find(name: &DeploymentName, statuses: &[NodeStatus], away: &Absences, connect
         return Err(failure);
     }
     let near = suggestion::deployment(name, running.chain(&over));
-    let hint = suggestion::question(near, "`dca status` lists all that run");
+    let hint = suggestion::question(near, "`dca status` lists all running deployments");
     Err(Failure::Usage(anyhow!("no node knows a {what}; {hint}")))
 }
 

@@ -204,8 +204,8 @@ pub(crate) async fn locate<'a>(
         [(_, part, silent)] if silent.contains(&part.home) => {
             let home = &part.home;
             Err(Failure::Unreachable(anyhow!(
-                "the node `{home}`, where `{name}` has its home, does not answer; `dca stop {name} --away {home}` has the others tell it \
-                 once it is there again"
+                "the node `{home}`, where `{name}` has its home, does not answer; `dca stop {name} --away {home}` makes the \
+                 other nodes pass the stop on when it answers again"
             )))
         }
         [(client, part, _)] => Ok(Located { client, deployment: part.deployment.clone(), home: part.home.clone() }),
@@ -284,11 +284,11 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
             if clock::now() - heard > SILENT_MAX {
                 return Err(Failure::Unreachable(why.context(format!(
                     "`{home}`, the home of `{name}`, does not answer, and may not have heard that it is to stop; `dca stop {name} \
-                     --away {home}` has the others tell it once it is there again"
+                     --away {home}` makes the other nodes pass the stop on when the home answers again"
                 ))));
             }
             if !is_told && clock::now() - heard > TOLD_AFTER {
-                console::note(&format!("note: {why:#}; it is asked again for {} (Ctrl-C to leave)", span(SILENT_MAX)));
+                console::note(&format!("note: {why:#}; asking again for {} (Ctrl-C to leave)", span(SILENT_MAX)));
                 is_told = true;
             }
             clock::sleep_until(clock::now() + ASK_EVERY).await;

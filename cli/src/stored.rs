@@ -27,7 +27,9 @@ pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
             Ok(keys) => keys,
             Err(failure) => {
                 let why = words(&failure);
-                console::note(&format!("warning: what the database of `{host}` says to `{name}` is not known: {why}"));
+                console::note(&format!(
+                    "warning: the parameters for `{name}` in the database of `{host}` are not known: {why}"
+                ));
                 continue;
             }
         };
@@ -37,7 +39,7 @@ pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
         overruled.iter().for_each(|sentence| console::note(&format!("note: {sentence}")));
         for (key, datum) in keys {
             if let Verdict::Refused(why) = parameters::check(&key, &spelt(&datum), &known) {
-                refused.push(format!("{why} (`dca db delete {key}` takes it back)"));
+                refused.push(format!("{why} (`dca db delete {key}` removes the value)"));
             }
         }
     }
@@ -45,7 +47,7 @@ pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
         return Ok(());
     }
     Err(anyhow!(
-        "`{name}` was not started, since the database says to it what it does not take: {}",
+        "`{name}` was not started: the database has values that its parameters do not accept: {}",
         refused.join("; ")
     )
     .into())

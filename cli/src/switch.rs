@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     /// The process, as a path or the end of one, and all labels of it that are to be open: `hit/force[lbl2]`
     #[arg(value_name = "PROCESS[LABEL,...]", add = ArgValueCompleter::new(complete::processes))]
     process: Labelled,
-    /// Print how it went as JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -82,7 +82,7 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
         return Ok(());
     }
     let silent = switched.unconfirmed.join("`, `");
-    let why = anyhow!("`{silent}` did not confirm the switch in time; what they send and take changes once they go on");
+    let why = anyhow!("`{silent}` did not confirm the switch in time; their connections change when they continue");
     Err(Failure::Unreachable(why))
 }
 

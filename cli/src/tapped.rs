@@ -158,7 +158,7 @@ async fn follow_with(
                 Some(Err(failure)) => {
                     if !std::mem::replace(&mut is_away, true) {
                         let why = words(&failure);
-                        console::note(&format!("warning: {why}; values are still heard, and their end once it is back"));
+                        console::note(&format!("warning: {why}. Still receiving values; the end of the mission will be reported when the node is back"));
                     }
                     reports = None;
                     None
@@ -211,7 +211,7 @@ async fn find<'a>(
     if found.len() > 1 {
         let names: Vec<String> = found.iter().map(|(_, deployment, _)| format!("`{}`", deployment.name)).collect();
         return Err(anyhow!(
-            "several deployments have a {what}: {}; write one before it, as in `{}:{}`",
+            "several deployments have a {what}: {}; write the name of a deployment before it, as in `{}:{}`",
             names.join(", "),
             found[0].1.name,
             wanted.bare()
@@ -280,7 +280,7 @@ async fn hear(
                 continue;
             }
             if followed.len() == OUTPUTS_MAX {
-                return Err(anyhow!("more than {OUTPUTS_MAX} outputs are meant; name the process, too").into());
+                return Err(anyhow!("more than {OUTPUTS_MAX} outputs have this name; also name the process").into());
             }
             taps.hear(&deployment.name, path, &output.name, followed.len(), Arc::clone(&values)).await?;
             let message = message(output, &outputs);
@@ -294,8 +294,12 @@ async fn hear(
         return Err(failure);
     }
     let known: Vec<String> = known.into_iter().map(|name| format!("`{name}`")).collect();
-    let hint = if known.is_empty() { "they have none".to_owned() } else { format!("there are {}", known.join(", ")) };
-    Err(anyhow!("no process that is meant has an output `{}`; {hint}", arguments.output).into())
+    let hint = if known.is_empty() {
+        "the matching processes have no outputs".to_owned()
+    } else {
+        format!("the outputs are {}", known.join(", "))
+    };
+    Err(anyhow!("no matching process has an output `{}`; {hint}", arguments.output).into())
 }
 
 pub(crate) async fn outputs_of(
@@ -305,6 +309,7 @@ pub(crate) async fn outputs_of(
     dial: Dial,
 ) -> Result<Outputs, Failure> {
     taps.dial(dial).await?;
-    let silent = || anyhow!("it does not say which outputs it has: it has no links yet, or is of an older DCA");
+    let silent =
+        || anyhow!("it has not reported its outputs: it has no links yet, or was built with an older version of DCA");
     taps.outputs(&deployment.name, path).await?.ok_or_else(|| Failure::Unreachable(silent()))
 }

@@ -65,7 +65,7 @@ struct KeysArgs {
     /// The folder with the keys [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
     #[arg(id = "key_folder", long = "keys", value_name = "DIR", global = true)]
     keys: Option<PathBuf>,
-    /// The team, where there are several
+    /// The team, if there are several teams
     #[arg(long, value_name = "NAME", global = true)]
     team: Option<Name>,
     /// A file of mode 0600 whose first line is the passphrase [env: DCA_PASSPHRASE_FILE] [default: standard input]

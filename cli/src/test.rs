@@ -121,13 +121,13 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
     match test.answer(&report.findings) {
         Some(finding) if finding.verdict == Verdict::Fails => {
             let again = match ends {
-                Some(PlayResult::Same) => "it comes to the same again",
+                Some(PlayResult::Same) => "it happens again in the same way",
                 Some(
                     PlayResult::Other(_)
                     | PlayResult::Ends(ReplayError::Impossible { .. } | ReplayError::Unknown { .. }),
-                ) => "it comes to it in another way",
+                ) => "it happens again in another way",
                 // A story with a lost host cannot be played, so it is not known how the mistake comes about.
-                Some(PlayResult::Ends(ReplayError::Unsupported { .. })) | None => "it is there again",
+                Some(PlayResult::Ends(ReplayError::Unsupported { .. })) | None => "it happens again",
             };
             let story = told(finding, &loaded.spec, &loaded.interfaces, check::style());
             Ok(Outcome::Failed.tell(&name, &format!("{again}\n{story}")))

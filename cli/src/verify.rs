@@ -38,8 +38,8 @@ pub struct Arguments {
     /// Print the report as one JSON document
     #[arg(long)]
     json: bool,
-    /// Print it for other tools instead, nothing reduced: all states and transitions (Aldebaran, Graphviz), or a model that a tool
-    /// explores itself (JANI, mCRL2)
+    /// Print the spec for other tools instead, without reductions: all states and transitions (Aldebaran, Graphviz), or a model
+    /// that a tool explores itself (JANI, mCRL2)
     #[arg(long, value_name = "FORMAT", conflicts_with = "json")]
     export: Option<Export>,
     /// Draw the story of the first failure, a lane for each process; nothing is written if everything holds
@@ -80,10 +80,10 @@ pub struct LimitArgs {
     /// The most memory of one exploration, in MiB
     #[arg(long, value_name = "MIB", default_value_t = MEMORY)]
     memory: usize,
-    /// The longest time of it all
+    /// The longest time of the whole verification
     #[arg(long, value_name = "SECONDS", default_value_t = SECONDS)]
     seconds: u64,
-    /// How many threads work on it; without it, one for each core
+    /// How many threads verify; without it, one for each core
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
 }
@@ -91,7 +91,7 @@ pub struct LimitArgs {
 /// Whether a spec has to be proved before it runs.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Proof {
-    /// Run it only if `dca verify` proves everything about it, with its usual limits
+    /// Run the spec only if `dca verify` proves everything about it, with its usual limits
     #[arg(long)]
     require_verified: bool,
 }
@@ -253,7 +253,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some((file, (finding, story))) => {
             whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
         }
-        None if arguments.svg.is_some() => console::note("no picture is written: no story can be drawn"),
+        None if arguments.svg.is_some() => console::note("no picture is written: no finding has a story to draw"),
         None => {}
     }
     if let Some(folder) = &arguments.test {

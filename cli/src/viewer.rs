@@ -164,7 +164,7 @@ async fn unlock(live: &Live) {
 async fn results(finished: impl Future<Output = ()>) {
     console::note("waiting for the results of orders");
     if timeout(ORDER_WITHIN, finished).await.is_err() {
-        console::note("left before the result of an order: it may have been carried out");
+        console::note("this command ended before the result of an order arrived: the order may have been carried out");
     }
 }
 

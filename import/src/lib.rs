@@ -72,7 +72,7 @@ pub fn import_with(
 ) -> Result<Imported, ImportError> {
     let refused = |why: &str| ImportError { file: file.name.clone(), line: 1, column: 1, why: why.into() };
     if file.name.ends_with(".py") {
-        let why = "a launch file in Python is a program; `dca import` reads those in XML and YAML. \
+        let why = "a launch file in Python is a program; `dca import` reads launch files only in XML and YAML. \
                    A spec starts it unchanged: `ros \"package file.launch.py\";`";
         return Err(refused(why));
     }
@@ -125,7 +125,7 @@ fn complete(mut imported: Imported, wrong: impl Fn(&str) -> ImportError) -> Resu
 fn checked(text: &str, wrong: impl Fn(&str) -> ImportError) -> Result<String, ImportError> {
     let source = Source::new("imported.dca", text);
     let refused = |message: &str| {
-        wrong(&format!("the spec that it means is refused: {message}; make the file smaller, or import a part of it"))
+        wrong(&format!("the resulting spec is refused: {message}; make the file smaller, or import a part of it"))
     };
     let first = |found: &[language::Diagnostic]| {
         let error = found.iter().find(|found| found.severity == Severity::Error);

@@ -131,7 +131,7 @@ fn top(writer: &mut Writer<'_>, root: Node<'_>) -> String {
         text += &writer.remark(
             root,
             RemarkKind::Differs,
-            "data have their first values from the start, not from the entry of their state",
+            "data get their first values at the start, not at the entry of their state",
         );
     }
     text
@@ -176,8 +176,7 @@ fn declarations(writer: &mut Writer<'_>) -> String {
                 text += &format!("var {name}: {} = {first};\n", names.join(" | "));
             }
             Kind::Unknown => {
-                let why =
-                    format!("`{}` holds something else than an integer, a truth or a name: it is left out", plain(id));
+                let why = format!("`{}` is left out: its value is not an integer, a truth value or a name", plain(id));
                 text += &writer.remark(variable.node, RemarkKind::Missing, why);
             }
         }

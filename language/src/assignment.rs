@@ -105,7 +105,7 @@ fn unknown(name: &str, root: &str, params: &[Node]) -> AssignmentError {
     let names: Vec<String> = params.iter().filter_map(|param| Some(param.names().next()?.text)).collect();
     let hint = match similar::nearest(name, names.iter().map(String::as_str)) {
         Some(other) => format!("did you mean `{other}`?"),
-        None if names.is_empty() => format!("it has none: `process {root}({name}: Type = value)` declares one"),
+        None if names.is_empty() => format!("`process {root}({name}: Type = value)` declares this parameter"),
         None => format!("it has `{}`", names.join("`, `")),
     };
     AssignmentError::Unknown { name: name.into(), root: root.into(), hint }
@@ -172,7 +172,7 @@ mod tests {
         check(ROOT, &[("lod", "1 kg")], "cannot set `lod`: `main` has no such parameter; did you mean `load`?");
         check(ROOT, &[("z", "1")], "cannot set `z`: `main` has no such parameter; it has `robot`, `load`, `count`");
         let none =
-            "cannot set `a`: `main` has no such parameter; it has none: `process main(a: Type = value)` declares one";
+            "cannot set `a`: `main` has no such parameter; `process main(a: Type = value)` declares this parameter";
         check("process main() { }", &[("a", "1")], none);
         let nowhere = "cannot set `a`: `a.dca` itself has no process `main`; values go to the parameters of `main`";
         check("process A(a) { } process B(a) { }", &[("a", "1")], nowhere);

@@ -75,7 +75,7 @@ impl Export {
         let name = self.interface.name;
         if activity != Activity::Running && !self.interface.is_answered_idle {
             let does = if activity == Activity::Idle { "does not run" } else { "is stopping" };
-            return reply.answer(Err(refused(format!("`{name}` is not answered now: its process {does}"))));
+            return reply.answer(Err(refused(format!("`{name}` cannot answer now: its process {does}"))));
         }
         if let Some(argument) = &self.argument {
             let (message, read) = (argument.get(), argument.get().look(bytes));

@@ -151,8 +151,8 @@ def test_queues_locks_routers_and_requests(missions):
     ended = missions.run("post.dca")
     logs = missions("logs", "pilot").stdout
     assert ended.returncode == 0, ended.stdout + ended.stderr + logs + missions("logs", "base").stdout
-    assert "ends ['the queue has turned it away: " in logs, logs
-    assert "', 'accepted', 'accepted', 'accepted', 'the queue has turned it away: 2 messages wait already']" in logs, logs
+    assert "ends ['the queue has rejected the message: " in logs, logs
+    assert "', 'accepted', 'accepted', 'accepted', 'the queue has rejected the message: 2 messages are already waiting']" in logs, logs
     assert "answer Doubled(speed=42.0, of=1)" in logs, logs
     assert "heard [1.0, 3.0] yes" in logs, logs
     assert "orders [(2.0, 2), (1.0, 1)]" in missions("logs", "base").stdout

@@ -89,7 +89,7 @@ def test_what_does_not_start_is_said_before_anything_runs(missions):
     missions.write("bad.dca", SPEC.format(policy=""))
     ended = missions.run("bad.dca")
     assert ended.returncode == 1
-    assert "`Bad` does not tell its interface" in ended.stderr
+    assert "`Bad` did not print its interface" in ended.stderr
     assert "No module named 'nothing_of_this_name'" in ended.stderr
 
 

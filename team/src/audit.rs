@@ -235,7 +235,7 @@ impl Writer {
                 // A manipulated log is kept, but not continued.
                 tracing::error!(
                     error = format!("{error:#}"),
-                    "the audit log is not as it was written; a new one begins"
+                    "the audit log was changed after it was written; a new log begins"
                 );
             }
         }
@@ -319,7 +319,10 @@ impl Writer {
         if self.size >= SIZE_MAX
             && let Err(error) = self.turn_over()
         {
-            tracing::error!(error = format!("{error:#}"), "the audit log goes on beyond its size: no new one begins");
+            tracing::error!(
+                error = format!("{error:#}"),
+                "the audit log grows beyond its size limit, because no new log can begin"
+            );
         }
     }
 

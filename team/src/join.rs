@@ -38,7 +38,7 @@ const WRONG_STAYS: Duration = Duration::from_secs(1);
 pub async fn join(line: &str, name: Name, keys: SecretKeys) -> anyhow::Result<(SecretKeys, Team, Credential)> {
     let invite = Invite::from_line(line).context("this is not the line of an invitation")?;
     let addresses = invite.addresses.clone();
-    ensure!(!addresses.is_empty(), "the invitation does not say where to join");
+    ensure!(!addresses.is_empty(), "the invitation has no address of the inviter");
     let (joiner, hello) = Joiner::begin(invite, name, keys, crate::now(), crate::random()?)?;
     let stream = connect(&addresses).await?;
     let talk = tokio::time::timeout(TALK_WITHIN, talk(stream, joiner, &hello)).await;
@@ -54,7 +54,10 @@ async fn connect(addresses: &[SocketAddr]) -> anyhow::Result<TcpStream> {
             Err(_elapsed) => tried.push(format!("{address}: no node answers")),
         }
     }
-    bail!("the inviter cannot be reached; `dca team invite` has to wait there meanwhile: {}", tried.join("; "))
+    bail!(
+        "the inviter cannot be reached; `dca team invite` must be waiting there at the same time: {}",
+        tried.join("; ")
+    )
 }
 
 async fn talk(
@@ -122,7 +125,7 @@ async fn accept(listener: TcpListener, door: Arc<Door>) {
 
 async fn answer(mut stream: TcpStream, from: SocketAddr, door: Arc<Door>) {
     let talk = tokio::time::timeout(TALK_WITHIN, door.talk(&mut stream)).await;
-    let event = match talk.unwrap_or_else(|_elapsed| Err(anyhow!("it did not say in time what it wants"))) {
+    let event = match talk.unwrap_or_else(|_elapsed| Err(anyhow!("it did not send its request in time"))) {
         Ok(certificate) => Event::Joined(Box::new(certificate)),
         Err(error) if error.is::<NotKept>() => Event::Failed(format!("{error:#}")),
         Err(error) => Event::Refused(from, format!("{error:#}")),

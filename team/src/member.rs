@@ -90,7 +90,7 @@ impl Member {
             // mounted.
             ensure!(
                 folder.symlink_metadata().is_err(),
-                "`{}` is that of a node whose joining was cut short, or leads nowhere: join again with `dca team join`, or remove it \
+                "`{}` is left from a joining that was cut short, or is a link that leads nowhere: join again with `dca team join`, or remove it \
                  to run without a team",
                 folder.display()
             );
@@ -100,7 +100,7 @@ impl Member {
         let file = |name: &str, bytes_max| {
             let read = folder::read(&folder.join(name), bytes_max)?;
             read.with_context(|| {
-                format!("`{}` is not there: take this node into its team again", folder.join(name).display())
+                format!("`{}` is missing: take this node into its team again", folder.join(name).display())
             })
         };
         let broken =
@@ -353,7 +353,7 @@ fn refuse_without(state: &Path, folder: &Path) -> anyhow::Result<()> {
     let noted = state.join(IN_TEAM);
     let Some(team) = folder::read(&noted, TEAM_MAX)? else { return Ok(()) };
     bail!(
-        "this node ran in the team `{}` last, and `{}` is not there any more: put the folder back, join again with `dca team join`, or \
+        "the last team of this node was `{}`, but `{}` is missing: put the folder back, join again with `dca team join`, or \
          remove `{}` to run without a team",
         String::from_utf8_lossy(&team),
         folder.display(),

@@ -47,7 +47,7 @@ impl Circle {
 
     /// Reads the file for programs.
     fn open(path: &Path) -> anyhow::Result<Self> {
-        let bytes = folder::read_open(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
+        let bytes = folder::read_open(path, FILE_MAX)?.with_context(|| format!("`{}` is missing", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
         let (team, node, revoked): (Vec<u8>, Vec<u8>, String) = postcard::from_bytes(&bytes).with_context(broken)?;
         let team = Team::from_bytes(&team).with_context(broken)?;
@@ -73,7 +73,7 @@ impl Circle {
     pub(crate) fn revocations_now(&self) -> Result<Revocations, String> {
         let read = folder::read_open(&self.revoked, REVOKED_BYTES_MAX);
         let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
-        read.map_err(|error| format!("who is revoked cannot be read: {error:#}"))
+        read.map_err(|error| format!("the revocations cannot be read: {error:#}"))
     }
 }
 
@@ -130,7 +130,7 @@ impl ProgramIdentity {
         match Delegation::from_bytes(bytes) {
             Ok(delegation) if *delegation.key() == self.keys.signing().1 => *self.delegation() = Some(delegation),
             Ok(_) => tracing::warn!("the node vouches for another key"),
-            Err(error) => tracing::warn!(%error, "what the node has signed cannot be read"),
+            Err(error) => tracing::warn!(%error, "the signature of the node cannot be read"),
         }
     }
 

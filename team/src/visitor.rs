@@ -55,7 +55,7 @@ impl VisitorIdentity {
     /// # Errors
     /// If the file is missing or invalid.
     pub fn open(path: &Path) -> anyhow::Result<Self> {
-        let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
+        let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is missing", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
         let fields: (Vec<u8>, Vec<u8>, Vec<u8>, String) = postcard::from_bytes(&bytes).with_context(broken)?;
         let secret = Zeroizing::new(fields.0);

@@ -50,7 +50,7 @@ pub enum BundleError {
     #[error("its first line is not `{BEGIN}`")]
     Begin,
     /// The last line is missing, or does not match the other lines.
-    #[error("its last line does not fit the others: a part was lost or changed; export it again")]
+    #[error("its last line does not fit the other lines: a part was lost or changed; export the team again")]
     Cut,
     /// A line of the text is not valid at its place.
     #[error("line {0} cannot be read, or does not belong there")]

@@ -61,7 +61,7 @@ pub enum ClaimsError {
     #[error("the times of a certificate have to be in order: it begins, ends, and can be renewed until then or later")]
     Order,
     /// The certificate is valid for too long.
-    #[error("a certificate is valid for {} days at most; it is renewed instead", LIFE_MAX / DAY)]
+    #[error("a certificate is valid for at most {} days; for a longer time, renew it", LIFE_MAX / DAY)]
     Life,
     /// The certificate can be renewed for too long.
     #[error("a certificate can be renewed for {} days at most", RENEWABLE_MAX / DAY)]

@@ -42,7 +42,7 @@ pub enum DelegationError {
     #[error("its node has not signed for it")]
     Signature,
     /// The delegation has ended.
-    #[error("its node does not vouch for it any more")]
+    #[error("its node no longer vouches for it")]
     Expired,
     /// The node is not trusted.
     #[error("its node is not trusted: {0}")]

@@ -36,7 +36,7 @@ pub enum HeadError {
         number: u64,
     },
     /// The node of the log has signed a later head, so this one is an old copy.
-    #[error("its node has signed a later one")]
+    #[error("its node has already signed a later head")]
     Old,
     /// The table is full.
     #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]

@@ -53,9 +53,7 @@ pub enum LockError {
     #[error("a passphrase has {PASSPHRASE_MIN} characters or more, and {PASSPHRASE_MAX} bytes at most")]
     Passphrase,
     /// The passphrase is one of the first that an attacker tries.
-    #[error(
-        "this passphrase is among the first that are tried; take four words that do not belong together, for example"
-    )]
+    #[error("attackers try this passphrase first; take for example four words that do not belong together")]
     Guessable,
     /// The passphrase is wrong, or the file was changed.
     #[error("the passphrase is wrong, or the file was changed")]

@@ -206,9 +206,9 @@ impl Policy {
             reader.limit("files", file.files)?,
             reader.limit("file_size", file.file_size)?,
         ];
-        let no_path = "it is a path from the root on, without `..`";
-        let no_hash = "it is 64 digits from 0 to f";
-        let no_name = "it is not empty";
+        let no_path = "write an absolute path without `..`";
+        let no_hash = "write 64 digits from 0 to f";
+        let no_name = "write a name that is not empty";
         let is_named = |name: &String| (!name.is_empty()).then(|| name.clone());
         Ok(Self {
             folders: reader.list("folders", file.folders, no_path, |path| is_plain(path).then(|| path.clone()))?,
@@ -266,8 +266,10 @@ impl Policy {
         }
         if let Some(user) = self.user.as_ref().filter(|user| user.value != start.user) {
             let (wanted, found) = (&user.value, start.user);
-            let why =
-                format!("programs run as `{wanted}` on this node, and this one would run as `{found}`{}", start.only);
+            let why = format!(
+                "programs run as `{wanted}` on this node, and this program would run as `{found}`{}",
+                start.only
+            );
             denied.push(Denied { rule: "user", line: Some(user.line), why });
         }
         if let Some(devices) = &self.devices {
@@ -283,7 +285,7 @@ impl Policy {
             denied.extend(others.map(|key| Denied {
                 rule: "secrets",
                 line: Some(secrets.line),
-                why: format!("no program is given the secret `{key}` on this node"),
+                why: format!("no program may read the secret `{key}` on this node"),
             }));
         }
         denied.extend(self.against_variables(start.variables));
@@ -306,7 +308,7 @@ impl Policy {
                 .any(|one| *one == **variable || one.strip_suffix('*').is_some_and(|one| variable.starts_with(one)))
         };
         let others = variables.iter().filter(|variable| !is_listed(variable));
-        let why = |variable: &String| format!("no spec sets or inherits the variable `{variable}` on this node");
+        let why = |variable: &String| format!("no spec may set or inherit the variable `{variable}` on this node");
         others.map(|variable| Denied { rule: "environment", line, why: why(variable) }).collect()
     }
 
@@ -324,11 +326,11 @@ impl Policy {
         let (rule, line, why) = match (&self.folders, &self.hashes) {
             (None, None) => return None,
             (Some(folders), None) => {
-                ("folders", folders.line, format!("`{program}` is in none of the folders of programs"))
+                ("folders", folders.line, format!("`{program}` is not in a folder of allowed programs"))
             }
             (None, Some(hashes)) => ("hashes", hashes.line, format!("the hash of `{program}` is not listed")),
             (Some(folders), Some(_)) => {
-                let why = format!("`{program}` is in none of the folders of programs, and its hash is not listed");
+                let why = format!("`{program}` is not in a folder of allowed programs, and its hash is not listed");
                 ("folders", folders.line, why)
             }
         };
@@ -426,7 +428,7 @@ impl Reader<'_> {
         read: Option<Spanned<u64>>,
     ) -> Result<Option<(&'static str, Rule<u64>)>, PolicyError> {
         let is_priority = rule == "realtime";
-        let hint = if is_priority { "it is 0 to 49" } else { "it is above 0" };
+        let hint = if is_priority { "write a number from 0 to 49" } else { "write a number above 0" };
         let is_good = |value: &u64| if is_priority { *value <= REALTIME_MAX } else { *value > 0 };
         let check = |value: &u64| is_good(value).then_some(*value);
         read.map(|read| Ok((rule, self.checked(rule, read, hint, check)?))).transpose()
@@ -435,7 +437,7 @@ impl Reader<'_> {
     fn cores(&self, read: Option<Spanned<f64>>) -> Result<Option<(&'static str, Rule<u64>)>, PolicyError> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is between 1 and 4 million")]
         let check = |cores: &f64| (0.001..=CORES_MAX).contains(cores).then(|| (cores * 1000.0).round() as u64);
-        let hint = "it is from 0.001 to 4096";
+        let hint = "write a number from 0.001 to 4096";
         read.map(|read| Ok(("cores", self.checked("cores", read, hint, check)?))).transpose()
     }
 }

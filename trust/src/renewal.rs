@@ -22,28 +22,28 @@ pub enum RenewalError {
     #[error("{0}")]
     Trust(TrustError),
     /// Nodes and users request renewals in different ways, and this is the wrong one.
-    #[error("certificates of its kind are not renewed in this way")]
+    #[error("certificates of this kind are not renewed in this way")]
     Kind,
     /// The user's request is malformed.
-    #[error("it cannot be read: {0}")]
+    #[error("the request for renewal cannot be read: {0}")]
     Form(FormError),
     /// The user has not signed the request.
-    #[error("it is not signed by the key of the certificate")]
+    #[error("the request for renewal is not signed by the key of the certificate")]
     Signature,
     /// The request was made at another time.
-    #[error("it is of another time: is a clock wrong?")]
+    #[error("the request for renewal is of another time: is a clock wrong?")]
     Time,
     /// A node may not renew itself.
     #[error("a member may not renew its own certificate")]
     Own,
     /// More than half of the certificate's life is left.
-    #[error("it is valid for long enough")]
+    #[error("the certificate is still valid for a long time")]
     Early,
     /// The certificate has ended for good, or cannot be renewed any longer.
-    #[error("it can be renewed only while it is valid; after that the operator has to make another one")]
+    #[error("the certificate can be renewed only while it is valid; ask the operator for a new certificate")]
     Last,
     /// The offered renewal does not last longer, or belongs to another certificate.
-    #[error("the renewal is not for this certificate, or ends no later than that")]
+    #[error("the renewal is not for this certificate, or does not end later than the certificate")]
     Useless,
 }
 

@@ -45,15 +45,15 @@ pub enum RevocationError {
     #[error("the revocations are not signed by the team or one of its admins")]
     Signer,
     /// The signer is not trusted.
-    #[error("who signed the revocations is not trusted: {0}")]
+    #[error("the signer of the revocations is not trusted: {0}")]
     Trust(TrustError),
     /// There are too many keys.
     #[error("no more than {REVOKED_MAX} keys can be revoked by one signer")]
     TooMany,
     /// The member already holds as many sets as it can.
     #[error(
-        "no more than {SETS_MAX} sets of revocations are held that do not contain each other: the next `dca team revoke NAME` or \
-         `dca team user remove NAME` on a machine whose node knows them joins them"
+        "a node holds at most {SETS_MAX} sets of revocations that do not contain each other: the next `dca team revoke NAME` or \
+         `dca team user remove NAME` on a machine whose node knows these sets joins them"
     )]
     Full,
 }

@@ -181,7 +181,7 @@ impl FromStr for Role {
 fn among(may_be: impl Fn(Role) -> bool, text: &str) -> Result<Role, String> {
     let rows = ROLES.iter().filter(|row| may_be(row.0));
     let found = rows.clone().find(|row| row.2 == text).map(|row| row.0);
-    found.ok_or_else(|| format!("`{text}` is none of {}", rows.map(|row| row.2).collect::<Vec<_>>().join(", ")))
+    found.ok_or_else(|| format!("`{text}` is not one of {}", rows.map(|row| row.2).collect::<Vec<_>>().join(", ")))
 }
 
 #[cfg(test)]
@@ -210,8 +210,8 @@ program   stop everything
     #[test]
     fn a_role_of_another_kind_is_refused_with_those_there_are() {
         let refused = |kind, text| Role::named(kind, text).unwrap_err();
-        assert_eq!(refused(Kind::Node, "admin"), "`admin` is none of member, renewer");
-        assert_eq!(refused(Kind::User, "member"), "`member` is none of viewer, operator, deployer, admin, ci");
+        assert_eq!(refused(Kind::Node, "admin"), "`admin` is not one of member, renewer");
+        assert_eq!(refused(Kind::User, "member"), "`member` is not one of viewer, operator, deployer, admin, ci");
     }
 
     #[test]

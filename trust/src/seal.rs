@@ -71,7 +71,7 @@ pub enum SealError {
     #[error("the path of a secret has at most {PATH_MAX} bytes")]
     Path,
     /// The secret has no reader, too many readers, or one reader twice.
-    #[error("a secret is for 1 to {READERS_MAX} different readers")]
+    #[error("a secret needs 1 to {READERS_MAX} different readers")]
     Readers,
     /// The secret was rotated too often.
     #[error("there is no generation after the last one")]
@@ -80,7 +80,7 @@ pub enum SealError {
     #[error("the secret is not sealed for this key")]
     NotForUs,
     /// The secret was changed, belongs to another path or team, or was sealed incorrectly.
-    #[error("the secret does not belong here, or was changed")]
+    #[error("the secret was sealed for another path or team, or it was changed")]
     Damaged,
 }
 

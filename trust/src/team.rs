@@ -150,7 +150,7 @@ pub enum TrustError {
     #[error("the renewal of the certificate of `{0}` is not valid")]
     Renewal(Name),
     /// The role does not permit the action.
-    #[error("`{name}` is {role}, who may not {action}")]
+    #[error("`{name}` has the role {role}, which may not {action}")]
     Role {
         /// The member that requested the action.
         name: Name,

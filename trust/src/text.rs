@@ -13,7 +13,7 @@ const SUM: usize = 4;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum TextError {
     /// A character does not belong to the alphabet.
-    #[error("it has the character `{0}`, which does not occur in such a text")]
+    #[error("it has the character `{0}`, which is not allowed in such a text")]
     Character(char),
     /// The text has the wrong length, or bits that must be 0 are not 0.
     #[error("a part of it is missing")]

@@ -10,17 +10,17 @@ pub(super) fn call_failure(host: &str, error: CallError) -> Failure {
     match error {
         CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),
         CallError::Broken { count, why, .. } => Failure::Unreachable(anyhow!(
-            "the answers of the node `{host}` broke off after {count}: {why}; what has come is not everything"
+            "the answers of the node `{host}` broke off after {count}: {why}; the received answers are not complete"
         )),
         CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
         CallError::Timeout { within, .. } => {
             Failure::Unreachable(anyhow!("the node `{host}` has not answered within {}", span(within)))
         }
         CallError::Silent { silent, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {}", span(silent)))
+            Failure::Unreachable(anyhow!("the node `{host}` has sent nothing for {}", span(silent)))
         }
         CallError::Forged { why, .. } => Failure::Unreachable(anyhow!(
-            "the node `{host}` has not answered, but {why}: what that says is left out, and `dca team revoke` takes a member out"
+            "the node `{host}` has not answered, but {why}: its answer is ignored, and `dca team revoke` removes a member of the team"
         )),
         CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
     }
@@ -43,11 +43,12 @@ mod tests {
         check(CallError::Unreachable { key: key() }, true, "the node `c1` cannot be reached");
         check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3 s");
         let silent = CallError::Silent { key: key(), silent: within };
-        check(silent, true, "the node `c1` has said nothing for 3 s");
+        check(silent, true, "the node `c1` has sent nothing for 3 s");
         let closed = CallError::Session { key: key(), cause: "closed".into() };
         check(closed, true, "the node `c1` cannot be asked: closed");
         let broken = CallError::Broken { key: key(), count: 3, why: "it went away".into() };
-        let text = "the answers of the node `c1` broke off after 3: it went away; what has come is not everything";
+        let text =
+            "the answers of the node `c1` broke off after 3: it went away; the received answers are not complete";
         check(broken, true, text);
     }
 }

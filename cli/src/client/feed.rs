@@ -161,7 +161,7 @@ impl Feed {
         let found = match clients.look().await {
             Ok(found) => found,
             Err(failure) => {
-                let why = format!("no host could say which others to ask: {}", words(&failure));
+                let why = format!("no host could name the other hosts: {}", words(&failure));
                 let here = self.clients.iter().filter_map(|client| client.local()).next().unwrap_or("this machine");
                 self.ready.push_back(FeedItem::Lost(standing(here), why));
                 return;
@@ -176,7 +176,7 @@ impl Feed {
         }
         let away = absent::ask(&found).await;
         let heard =
-            |one: &AbsentHost| (one.host.clone(), format!("it does not answer, and was heard {}", ago(one.heard)));
+            |one: &AbsentHost| (one.host.clone(), format!("it does not answer, and was last heard {}", ago(one.heard)));
         let mut lost: BTreeMap<String, String> = away.hosts.iter().map(heard).collect();
         for host in &away.back {
             lost.entry(host.clone()).or_insert_with(|| "it has just come back, and was not asked".to_owned());
@@ -272,7 +272,7 @@ impl Feed {
             SourceMessage::Events(place, events) => self.events(place, events),
             SourceMessage::Behind(place, hosts) => self.behind(&place, hosts),
             SourceMessage::Ended(place) if self.is_behind(&place) => {
-                self.lost(&place, "it has ended before it had told everything".to_owned());
+                self.lost(&place, "it has ended before it had sent everything".to_owned());
                 self.silent(place, State::Lost);
             }
             SourceMessage::Ended(place) => {
@@ -357,9 +357,9 @@ impl Feed {
     fn behind(&mut self, home: &Place, hosts: Vec<String>) {
         for host in hosts {
             let why = if host == home.1 {
-                "its node was killed, and has not heard of all of its programs again".to_owned()
+                "its node was killed, and does not have reports of all of its programs yet".to_owned()
             } else {
-                format!("`{}` has not heard everything that it had to report", home.1)
+                format!("`{}` has not received all reports of this host", home.1)
             };
             self.ready.push_back(FeedItem::Lost(RobotId { host, fleet: self.robot(home).fleet }, why));
         }
@@ -530,8 +530,8 @@ mod tests {
         feed.take(SourceMessage::Behind(c1.clone(), vec!["c2".to_owned(), "c1".to_owned()]));
         feed.take(SourceMessage::Ended(c1));
         let expected = [
-            "lost c2: `c1` has not heard everything that it had to report",
-            "lost c1: its node was killed, and has not heard of all of its programs again",
+            "lost c2: `c1` has not received all reports of this host",
+            "lost c1: its node was killed, and does not have reports of all of its programs yet",
             "current",
         ];
         assert_eq!(said(&feed), expected);
@@ -545,6 +545,6 @@ mod tests {
         feed.take(SourceMessage::Events(c2.clone(), Vec::new()));
         feed.take(SourceMessage::Ended(c2));
         feed.take(SourceMessage::Ended(c3));
-        assert_eq!(said(&feed), ["lost c3: it has ended before it had told everything", "current"]);
+        assert_eq!(said(&feed), ["lost c3: it has ended before it had sent everything", "current"]);
     }
 }

@@ -68,7 +68,7 @@ impl Client {
             match status {
                 Ok(status) => found.nodes.push(status),
                 Err(failure) => {
-                    note(&format!("warning: {}: what runs there is not known", words(&failure)));
+                    note(&format!("warning: {}: the programs that run there are not known", words(&failure)));
                     found.silent.push(host.clone());
                 }
             }

@@ -55,7 +55,7 @@ fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
         groups.chain(plan.leaves.iter().map(|leaf| (leaf.path.clone(), "program"))).collect()
     };
     let who = |path: &String| format!("`{path}`");
-    first(&all(recorded), &all(spec), who, |kind| format!("is a {kind} in the record alone"))
+    first(&all(recorded), &all(spec), who, |kind| format!("is a {kind} only in the record"))
 }
 
 /// Returns the first entry that differs, or that only one of the sides has. `differs` describes a difference, given the

@@ -13,7 +13,7 @@ use node::logic::database::question::{AsOf, Question, Reply};
 #[derive(Debug, clap::Args)]
 pub struct Diff {
     /// From when: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `on:ROBOT`
-    /// for the part that this robot has too. Or a prefix, such as `robot/r2/`, to compare its keys with those below another one
+    /// for the part that this robot also has. Or a prefix, such as `robot/r2/`, to compare its keys with the keys below another prefix
     #[arg(value_parser = side)]
     from: Side,
     /// To when, or the other prefix

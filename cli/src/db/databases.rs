@@ -249,7 +249,7 @@ impl Replies {
 
     /// Returns the failure that the answers ended too early.
     pub(crate) fn ended(&self) -> Failure {
-        Failure::Unreachable(anyhow!("the database of `{}` has ended while it was asked", self.robot))
+        Failure::Unreachable(anyhow!("the database of `{}` ended before it answered", self.robot))
     }
 }
 
@@ -267,5 +267,5 @@ pub(crate) fn refusal(reply: &Reply) -> Failure {
     if let Reply::Refused(why) | Reply::Unmet { why, .. } | Reply::Unknown(why) = reply {
         return anyhow!("{why}").into();
     }
-    anyhow!("the database answered something that was not asked").into()
+    anyhow!("unexpected answer from the database").into()
 }

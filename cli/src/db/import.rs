@@ -223,8 +223,10 @@ fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
 /// Explains why the file does not fit into one transaction.
 fn does_not_fit(parts: &[Vec<Write>], drafts: usize) -> Failure {
     let keys = counted(parts.iter().map(|part| part.len() as u64).sum::<u64>(), "key");
-    let why = if drafts == 1 { "they belong to several robots" } else { "one transaction does not take so much" };
-    anyhow!("nothing was written: {keys} would change, and {why}; import a part of it, or leave `--atomic` out").into()
+    let why =
+        if drafts == 1 { "they belong to several robots" } else { "one transaction cannot contain so many changes" };
+    anyhow!("nothing was written: {keys} would change, and {why}; import a part of the file, or remove `--atomic`")
+        .into()
 }
 
 /// Adds to a failure how much was committed before it.

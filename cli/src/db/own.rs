@@ -11,16 +11,16 @@ use node::logic::printable::one_line;
 /// The arguments of `dca db own`.
 #[derive(Debug, clap::Args)]
 pub struct Own {
-    /// How the keys begin, such as `team/arm`; without it, all that have an owner are listed
+    /// How the keys begin, such as `team/arm`; without it, all keys with an owner are listed
     #[arg(requires = "who")]
     prefix: Option<String>,
-    /// The robot that alone writes there from now on
+    /// The robot that owns the keys from now on: only this robot may write them
     #[arg(group = "who")]
     owner: Option<String>,
-    /// Everybody may write there again
+    /// Let every robot write the keys again
     #[arg(long, group = "who")]
     release: bool,
-    /// Take it from its owner, which may be out of reach; the owner's writes in the meantime are listed by
+    /// Take the keys from their owner, which may be out of reach; the owner's writes in the meantime are listed by
     /// `dca db conflicts`
     #[arg(long, requires = "owner")]
     by_force: bool,

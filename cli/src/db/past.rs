@@ -62,16 +62,16 @@ pub struct Resolve {
     /// The write of this transaction
     #[arg(long, value_name = "TRANSACTION", group = "choice", value_parser = a_dot)]
     transaction: Option<Dot>,
-    /// The write that a read shows already
+    /// The write that a read shows now
     #[arg(long, group = "choice")]
     shown: bool,
     /// Another value, as in TOML
     #[arg(long, value_name = "VALUE", group = "choice", allow_hyphen_values = true)]
     value: Option<String>,
-    /// Nothing: delete it
+    /// No value: delete the key
     #[arg(long, group = "choice")]
     delete: bool,
-    /// The writes that you have seen, as `dca db conflicts` prints them; if there are others by now, nothing is settled
+    /// The writes that you have seen, as `dca db conflicts` prints them; if there are other writes now, the conflict is not settled
     #[arg(long, value_name = "SEEN", default_value = "", hide_default_value = true)]
     seen: String,
     #[command(flatten)]
@@ -82,7 +82,7 @@ pub struct Resolve {
 #[derive(Debug, clap::Args)]
 pub struct At {
     /// When: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `on:ROBOT` for
-    /// the part that this robot has too
+    /// the part that this robot also has
     #[arg(value_parser = a_moment)]
     moment: AsOf,
     /// How the keys begin
@@ -118,7 +118,7 @@ impl History {
         if self.database.json {
             console::answer(&readers.json(serde_json::to_value(&entries)?));
         } else if entries.is_empty() {
-            console::note("nothing of that is in the log");
+            console::note("the log has no such changes");
         } else {
             console::say(&table::history(&entries, span, &|datum| readers.text(datum), clock::minutes_ahead));
         }

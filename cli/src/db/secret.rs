@@ -51,7 +51,8 @@ impl SecretArgs {
         let keyring = Keyring::at(commit.database.key_place().folder.as_deref())?;
         let secret = value(self.file.as_deref())?;
         let (sealed, said) = commit.database.with(async |databases| {
-            let team = databases.team().await?.context("the robot is in no team: a secret is for robots of one")?;
+            let team =
+                databases.team().await?.context("the robot is in no team: only robots of a team can read a secret")?;
             let readers = keys_of(&keyring, &team, &self.readers)?;
             let before = stored(databases, &key).await?;
             Ok(sealed(&secret, &key, &readers, before.as_ref(), KeyId(team.id))?)

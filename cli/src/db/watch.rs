@@ -90,11 +90,11 @@ impl Watch {
                 }
                 Notification::Lagged { resume } => {
                     *told = Some(resume);
-                    self.begin_anew("some changes are not kept any more");
+                    self.begin_anew("some changes are no longer stored");
                 }
                 Notification::Replaced { resume } => {
                     *told = Some(resume);
-                    self.begin_anew("this robot has taken over the state of another");
+                    self.begin_anew("this robot has taken over the state of another robot");
                 }
             }
         }

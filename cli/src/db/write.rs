@@ -156,7 +156,7 @@ impl CommitArgs {
     /// Returns the failure that the write has not reached the requested level in time.
     pub(crate) fn pending(&self) -> Failure {
         Failure::Unreachable(anyhow!(
-            "it is committed for good and will go on to the others, but had not got as far as asked within {}; `dca db \
+            "the write is committed and will reach the other robots, but it has not reached the requested level within {}; `dca db \
              status` shows who is behind",
             span(self.within)
         ))
@@ -218,21 +218,21 @@ impl CommitArgs {
                 && let Some(why) = no_robot(owner, status.members.iter().map(|member| member.robot.as_str()))
             {
                 return Err(
-                    anyhow!("{why}; `dca db own PREFIX ROBOT --by-force` gives these keys to another one").into()
+                    anyhow!("{why}; `dca db own PREFIX ROBOT --by-force` gives these keys to another robot").into()
                 );
             }
             return Err(Failure::Unreachable(anyhow!(
-                "only `{owner}` writes there, and it cannot be reached now; nothing was written"
+                "only `{owner}` may write these keys, and it cannot be reached now; nothing was written"
             )));
         }
         match self.ask(databases, owner, question).await {
             Ok(Ok(got)) => Ok(got),
             Ok(Err(other)) => {
-                Err(anyhow!("`{owner}` says that only `{other}` writes there; nothing was written").into())
+                Err(anyhow!("`{owner}` reports that only `{other}` may write these keys; nothing was written").into())
             }
             Err(Failure::Unreachable(_)) => Err(Failure::Unreachable(anyhow!(
-                "`{owner}`, which alone writes there, has not answered: whether it was written is not known; look with \
-             `dca db get` when it is back"
+                "`{owner}`, the owner of these keys, has not answered. It is not known whether the write was done; look with \
+             `dca db get` when the owner is back"
             ))),
             Err(failure) => Err(failure),
         }

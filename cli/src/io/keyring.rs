@@ -185,7 +185,7 @@ impl Keyring {
         };
         if next.is_err() {
             console::note(&format!(
-                "`{}` held no valid number of a request; it is written again, from the time",
+                "`{}` had no valid number of a request; a new number is derived from the time",
                 path.display()
             ));
         }
@@ -227,7 +227,8 @@ impl Keyring {
             );
             known.merge(bundle)?;
             // This checks that the result can be read again.
-            Bundle::from_text(&known.to_text()).context("it does not fit what is known here")?;
+            Bundle::from_text(&known.to_text())
+                .context("the imported part does not fit the part of the team that is known here")?;
             Ok(())
         })?;
         Ok(false)
@@ -279,7 +280,7 @@ fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u
     let (mode, own) = (there.mode() & 0o077, rustix::process::getuid().as_raw());
     ensure!(
         mode == 0,
-        "others may read or write `{0}`: it is not used; see who did, then `chmod 600 {0}`",
+        "other users can read or write `{0}`, so it is not used; find out who did, then run `chmod 600 {0}`",
         path.display()
     );
     ensure!(there.uid() == own || there.uid() == 0, "`{}` belongs to another user", path.display());

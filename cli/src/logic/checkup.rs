@@ -143,7 +143,7 @@ fn check(name: &'static str, level: Level, finding: impl Into<String>, hint: &'s
 
 fn kernel(machine: &Machine) -> Check {
     let (level, finding) = match &machine.kernel {
-        Ok(()) => (Level::Ok, "it has the calls by which a node ends programs".to_owned()),
+        Ok(()) => (Level::Ok, "it has the system calls that a node needs to end programs".to_owned()),
         Err(why) => (Level::Failed, why.clone()),
     };
     check("kernel", level, finding, "use Linux 5.3 or later, and in a container a newer runtime: no node starts here")
@@ -151,7 +151,10 @@ fn kernel(machine: &Machine) -> Check {
 
 fn containment(machine: &Machine) -> Check {
     let (level, finding) = if machine.has_groups {
-        (Level::Ok, "a control group (version 2): whatever programs start is found and ended, also after a crash")
+        (
+            Level::Ok,
+            "a control group (version 2): all processes that programs start are found and ended, even after a crash",
+        )
     } else {
         (Level::Warning, "no control group of its own: daemons of a program are found as long as its shim lives")
     };
@@ -162,9 +165,9 @@ fn containment(machine: &Machine) -> Check {
 
 fn clock(machine: &Machine) -> Check {
     let (level, finding) = match machine.clock {
-        ClockQuality::Kept => (Level::Ok, "it is kept in step"),
+        ClockQuality::Kept => (Level::Ok, "it is synchronised"),
         ClockQuality::Plausible => {
-            (Level::Warning, "it is not synchronised with other clocks: records of several hosts do not fit")
+            (Level::Warning, "it is not synchronised with other clocks: records of several hosts cannot be compared")
         }
         ClockQuality::Unset => (Level::Failed, "it shows a date that cannot be right: it was never set"),
     };
@@ -194,7 +197,7 @@ fn listening(machine: &Machine) -> Check {
 
 fn files(machine: &Machine) -> Check {
     let (level, finding) = match machine.files {
-        None => (Level::Ok, "as many open files as anybody wants".to_owned()),
+        None => (Level::Ok, "no limit on open files".to_owned()),
         Some(files) => {
             let level = match files {
                 ..FILES_MIN => Level::Failed,
@@ -234,7 +237,7 @@ fn space(name: &'static str, folder: &Folder) -> Check {
             (level, format!("`{path}` has {} left", size(free)))
         }
     };
-    check(name, level, finding, "choose another with `--run-dir` or `--state`, or make room")
+    check(name, level, finding, "choose another folder with `--run-dir` or `--state`, or make room")
 }
 
 /// Returns a size on a disk: `3.9 GiB`, `12 MiB`.
@@ -302,7 +305,7 @@ fn policy(machine: &Machine) -> Check {
     let (level, finding) = if !wrong.is_empty() {
         (Level::Failed, wrong.join("; "))
     } else if files.is_empty() {
-        (Level::Ok, "none: whoever may deploy can start any program as the user of the node".to_owned())
+        (Level::Ok, "no policy: every user who may deploy can start any program as the user of the node".to_owned())
     } else {
         (Level::Ok, format!("`{}` limits the programs", files.join("`, `")))
     };
@@ -310,13 +313,13 @@ fn policy(machine: &Machine) -> Check {
         "policy",
         level,
         finding,
-        "a node with such a policy does not start, and one that runs starts nothing more: mend the file",
+        "a node with such a policy does not start, and a running node starts no more programs: correct the file",
     )
 }
 
 fn nodes(machine: &Machine) -> Check {
     let finding = match &machine.nodes[..] {
-        [] => "none runs here as this user".to_owned(),
+        [] => "no node of this user runs here".to_owned(),
         nodes => format!("`{}`", nodes.join("`, `")),
     };
     check("nodes", Level::Ok, finding, "")

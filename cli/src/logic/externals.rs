@@ -25,7 +25,7 @@ pub(crate) fn against(plan: &Plan, own: &[Source], other: &Plan, theirs: &[Sourc
             add(format!("{external} is on `{there}`, not on `{here}`"));
         }
         if found.external.is_some() {
-            add(format!("{external} runs in another deployment itself"));
+            add(format!("{external} itself stands for a process of another deployment"));
         }
         if found.module != leaf.module {
             add(format!("{external} is a `{}`, not a `{}`", found.module, leaf.module));

@@ -68,7 +68,7 @@ fn message(exports: &Exports, form: &TypeForm) -> Option<Message> {
 pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String]) -> Result<Vec<u8>, String> {
     let form = &signature.argument;
     if form.name.is_empty() {
-        return if given.is_empty() { Ok(Vec::new()) } else { Err("it is called with nothing".to_owned()) };
+        return if given.is_empty() { Ok(Vec::new()) } else { Err("it takes no argument".to_owned()) };
     }
     if is_spec_name(&form.name) {
         // On a wire, a message of ROS 2 is the length of its CDR, followed by the CDR.
@@ -81,17 +81,17 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
         return Err(expected("its argument is missing"));
     }
     let message = message(exports, form);
-    let message = message.ok_or_else(|| format!("its program does not say what is in a `{}`", form.name))?;
+    let message = message.ok_or_else(|| format!("its program does not declare the fields of a `{}`", form.name))?;
     let is_record = matches!(message.layout, Layout::Record(_));
     let value = match given {
         [whole] if !is_record || whole.trim_start().starts_with('{') => whole.clone(),
         fields if is_record => format!("{{ {} }}", fields.join(", ")),
-        _ => return Err(expected("there is one argument")),
+        _ => return Err(expected("it takes one argument")),
     };
     let constants = constants(&types(exports), &form.name, &value).map_err(|why| expected(&why))?;
     let (value, mut bytes) = (Named { name: "value".to_owned(), constants: &constants }, Vec::new());
     write(&message.layout, &value, &mut Writer::new(&mut bytes))
-        .map_err(|NoSuchPart| expected("that is not its argument"))?;
+        .map_err(|NoSuchPart| expected("this argument does not have its type"))?;
     Ok(bytes)
 }
 
@@ -104,18 +104,20 @@ pub(crate) fn argument_of_json(exports: &Exports, signature: &Signature, given: 
     let form = &signature.argument;
     if form.name.is_empty() {
         let is_nothing = given.is_null() || given.as_object().is_some_and(serde_json::Map::is_empty);
-        return if is_nothing { Ok(Vec::new()) } else { Err("it is called with nothing: `{}`".to_owned()) };
+        return if is_nothing { Ok(Vec::new()) } else { Err("it takes no argument; write `{}`".to_owned()) };
     }
     if is_spec_name(&form.name) {
         return argument(exports, signature, &[given.to_string()]);
     }
     let message = message(exports, form);
-    let message = message.ok_or_else(|| format!("its program does not say what is in a `{}`", form.name))?;
+    let message = message.ok_or_else(|| format!("its program does not declare the fields of a `{}`", form.name))?;
     let data = given.to_string().into_bytes();
     let (from, to) = (String::new(), String::new());
     let value = RecordedValue { from, to, at: Duration::ZERO, form: ValueForm::Json, data };
     let encoded = encode(&value, Some(&message));
-    Ok(encoded.ok_or_else(|| format!("that is not its argument; expected {form}, with numbers in SI units"))?.bytes)
+    Ok(encoded
+        .ok_or_else(|| format!("this argument does not have its type; expected {form}, with numbers in SI units"))?
+        .bytes)
 }
 
 /// Returns the schema of the argument of a procedure as JSON; `doc` is for people.
@@ -316,8 +318,8 @@ mod tests {
             (1, &["{ name = \"}\\\"}\" }"], "expected Way"),
             (4, &["1 m), c2, (2 m"], "is not one whole value"),
             (4, &["\"1"], "is not one whole value"),
-            (3, &["1"], "its program does not say what is in a `Odd`"),
-            (4, &["1", "2"], "there is one argument"),
+            (3, &["1"], "its program does not declare the fields of a `Odd`"),
+            (4, &["1", "2"], "it takes one argument"),
         ] {
             let refused = read(index, given).unwrap_err();
             assert!(refused.contains(why), "{given:?}: {refused}");
@@ -328,7 +330,7 @@ mod tests {
     fn a_program_without_argument_takes_none() {
         let (exports, nothing) = (Exports::default(), Signature::default());
         assert_eq!(argument(&exports, &nothing, &[]), Ok(Vec::new()));
-        assert_eq!(argument(&exports, &nothing, &["1".to_owned()]), Err("it is called with nothing".to_owned()));
+        assert_eq!(argument(&exports, &nothing, &["1".to_owned()]), Err("it takes no argument".to_owned()));
         assert_eq!(result(&exports, &nothing, &[]), Value::Null);
         let result =
             |bytes| result(&exports, &Signature { result: TypeForm::new("Length", ""), ..nothing.clone() }, bytes);
@@ -348,7 +350,7 @@ mod tests {
         {
             assert!(read(0, wrong.clone()).unwrap_err().contains("expected Push { force"), "{wrong}");
         }
-        assert!(read(2, json!({})).unwrap_err().contains("does not say what is in a `Odd`"));
+        assert!(read(2, json!({})).unwrap_err().contains("does not declare the fields of a `Odd`"));
         let nothing = Signature::default();
         assert_eq!(argument_of_json(&exports, &nothing, &json!({})), Ok(vec![]));
         assert!(argument_of_json(&exports, &nothing, &json!({ "x": 1 })).is_err());

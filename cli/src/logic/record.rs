@@ -155,7 +155,7 @@ impl Run {
         };
         let omitted = |entry: &Entry| if let Entry::Report(Report::Omitted { count }) = entry { *count } else { 0 };
         let missed: u64 = self.entries.iter().map(omitted).sum();
-        let gap = || format!("it lacks {}, which came while it was cut off", counted(missed, "report"));
+        let gap = || format!("it lacks {}, which came while its recorder was cut off", counted(missed, "report"));
         let is_over = self.entries.iter().any(is_last);
         self.damage.clone().or_else(|| (missed > 0).then(gap)).or_else(|| (!is_over).then(cut))
     }

@@ -180,7 +180,7 @@ fn rust_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, String
 /// Returns `plain` if the language knows this type. Refuses a type that only one program knows.
 fn known<'a>(plain: &'a str, name: &str, field: &str) -> Result<&'a str, String> {
     let is_known = plain == "Number" || plain == "Bytes" || language::quantity("1", plain).is_some();
-    is_known.then_some(plain).ok_or_else(|| format!("`{name}.{field}`: the spec does not say what a `{plain}` is"))
+    is_known.then_some(plain).ok_or_else(|| format!("`{name}.{field}`: the spec does not declare the type `{plain}`"))
 }
 
 /// Returns the method that gives the time of measurement of a message; nothing if the message has no field for it.
@@ -280,7 +280,7 @@ mod tests {
         "#]]
         .assert_eq(&shown(&SPEC.replace("in: Truth", "inside: Truth"), Language::Python).unwrap());
         let foreign = shown("type A = { x: Wrench };", Language::Python).unwrap_err();
-        assert_eq!(foreign, "`A.x`: the spec does not say what a `Wrench` is");
+        assert_eq!(foreign, "`A.x`: the spec does not declare the type `Wrench`");
     }
 
     #[test]

@@ -25,12 +25,12 @@ pub(super) async fn all(clients: &Clients, name: &ProcessName, is_json: bool) ->
     if rows.len() > 1 {
         console::say(&table(&rows));
         console::note(
-            "`dca logs PROCESS` prints what one has written, the end of its path will do; `-f` goes on as it writes",
+            "`dca logs PROCESS` prints the output of a process, named by its path or the end of its path; `-f` also prints new output",
         );
     } else {
         let where_known = if away.hosts.is_empty() && away.silent.is_empty() { "" } else { " on hosts that answer" };
         console::note(&format!(
-            "nothing runs{where_known}; `dca logs PROCESS` prints what one of a deployment that is over has written"
+            "nothing runs{where_known}; `dca logs PROCESS` prints the output of a process of an ended deployment"
         ));
     }
     Ok(())

@@ -89,7 +89,7 @@ pub(super) fn get(connect: &ConnectArgs, program: &Program, parameter: &str) -> 
 pub(super) fn set(connect: &ConnectArgs, program: &Program, parameter: &str, text: &str) -> Result<Value, Failure> {
     with(connect, program, async |visit| {
         let kind = present(visit, program, parameter).await.map(|told| Kind::of(&told))?;
-        let kind = kind.context("the node tells no kind of the value")?;
+        let kind = kind.context("the node does not report the type of the value")?;
         let written = kind.read(text).map_err(|expected| anyhow!("`{parameter}` cannot be `{text}`: {expected}"))?;
         let asked = json!({ "parameters": [{ "name": parameter, "value": written }] });
         let results = asked_for(visit, program, "set_parameters", &asked, "results").await?;
@@ -136,7 +136,7 @@ async fn names(visit: &Visit<'_>, program: &Program) -> Result<Vec<String>, Fail
     let asked = json!({ "prefixes": [], "depth": 0 });
     let told = visit.call("list_parameters", &asked).await?;
     let names = told.pointer("/result/names").and_then(Value::as_array);
-    let names = names.with_context(|| format!("`{}` has not told the names of its parameters", program.name()))?;
+    let names = names.with_context(|| format!("`{}` has not sent the names of its parameters", program.name()))?;
     Ok(names.iter().filter_map(|name| name.as_str().map(str::to_owned)).collect())
 }
 

@@ -23,7 +23,7 @@ pub(super) async fn keep_tombstones(clients: &Clients, name: &DeploymentName, ho
     let Some(epoch) = epoch(&all, &away, name.plain(), home).await.filter(|epoch| name.is(&of(*epoch))) else {
         return Err(anyhow!(
             "no node that answers knows of a deployment `{name}` with its home on `{home}`: {}",
-            "look at the names, or stop it once that host is there again"
+            "check the names, or stop the deployment when that host answers again"
         )
         .into());
     };
@@ -40,10 +40,10 @@ pub(super) async fn keep_tombstones(clients: &Clients, name: &DeploymentName, ho
     }
     match (keepers.as_slice(), why) {
         ([], Some(why)) => Err(why),
-        ([], None) => Err(Failure::Unreachable(anyhow!("no node answers that could tell `{home}`"))),
+        ([], None) => Err(Failure::Unreachable(anyhow!("no node answers that could inform `{home}`"))),
         (keepers, _) => {
             console::say(&format!(
-                "`{deployment}` is stopped as soon as `{home}` is there again: it hears of that from `{}`",
+                "`{deployment}` will be stopped as soon as `{home}` answers again: `{}` will inform it",
                 keepers.join("`, `")
             ));
             Ok(())

@@ -50,14 +50,14 @@ pub(super) struct InviteArgs {
 /// The address for the robot, and how long to wait for it.
 #[derive(Debug, clap::Args)]
 pub(super) struct DoorArgs {
-    /// For how many minutes the invitation is good, and this command waits
+    /// For how many minutes the invitation is valid and this command waits
     #[arg(long, value_name = "MINUTES", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=24 * 60))]
     minutes: u64,
     /// The address of this machine that the robot calls; may be given four times [default: those of its network
     /// interfaces]
     #[arg(long = "address", value_name = "IP")]
     addresses: Vec<IpAddr>,
-    /// The TCP port where it comes [default: any that is free]
+    /// The TCP port for the connection of the robot [default: any free port]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     port: u16,
 }
@@ -187,7 +187,7 @@ impl JoinArgs {
         };
         let state = state_dir::take(Some(&base), name.as_str()).with_context(spent)?;
         if Member::is_there(&state) {
-            console::note(&format!("`{name}` was in a team before, and leaves that"));
+            console::note(&format!("`{name}` was in a team before, and leaves that team"));
         }
         drop(reserve);
         Member::begin(&state, &keys, &team, founds, &credential).with_context(spent)?;

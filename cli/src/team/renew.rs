@@ -61,7 +61,7 @@ async fn renewed(
                 Err(why) => format!("{why:#}"),
             },
             Ok(Answer::Refused(why)) => why,
-            Ok(_) => "it answers something else".to_owned(),
+            Ok(_) => "it sent an unexpected answer".to_owned(),
             Err(failure) => crate::client::words(&failure),
         };
         refusals.push(format!("`{host}`: {why}"));
@@ -69,15 +69,15 @@ async fn renewed(
     client.close().await;
     let none = || {
         anyhow!(
-            "it was not renewed: {}; `dca team invite NAME --renewer` makes a node that may",
-            if refusals.is_empty() { "no node is there".to_owned() } else { refusals.join("; ") }
+            "the certificate was not renewed: {}; `dca team invite NAME --renewer` makes a node that may renew certificates",
+            if refusals.is_empty() { "no node answers".to_owned() } else { refusals.join("; ") }
         )
     };
     found.ok_or_else(|| none().into())
 }
 
 fn taken(bundle: &Bundle, own: &Credential, renewed: &[Vec<u8>]) -> anyhow::Result<Credential> {
-    let [renewed] = renewed else { return Err(anyhow!("it answers with no credential")) };
+    let [renewed] = renewed else { return Err(anyhow!("its answer has no credential")) };
     let renewed = Credential::from_bytes(renewed)?;
     with_judge(bundle, |judge| renewal::accept(own, &renewed, judge))?;
     Ok(renewed)

@@ -21,7 +21,7 @@ use trust::role::Role;
 pub(super) struct RevokeArgs {
     /// The name of the robot or user; without it the nodes of this machine are told again of all revoked keys
     name: Option<Name>,
-    /// Also if it is the only admin: another person has the key
+    /// Also revoke the only admin, because another person has the key
     #[arg(long, requires = "name")]
     last_admin: bool,
 }
@@ -129,15 +129,15 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
         Ok(Some(found)) if found.is_empty() => console::note(&format!("the database here has no secret for `{name}`")),
         Ok(Some(found)) => {
             console::note(&format!(
-                "`{name}` could read these secrets: change each, and put it again for the members that may have it now"
+                "`{name}` could read these secrets: change each secret, and put it again for the members that may read it now"
             ));
             found.iter().for_each(|key| console::say(key));
         }
         Ok(None) => console::note(&format!(
-            "which secrets `{name}` could read is not known here: no node runs on this machine. `dca db get` shows who may read each"
+            "it is not known here which secrets `{name}` could read: no node runs on this machine. `dca db get` shows the readers of each secret"
         )),
         Err(Failure::Refused(why) | Failure::Usage(why) | Failure::Unreachable(why)) => {
-            console::note(&format!("which secrets `{name}` could read is not known: {why:#}"));
+            console::note(&format!("it is not known which secrets `{name}` could read: {why:#}"));
         }
         Err(failure @ (Failure::Reported | Failure::ReportedUnreachable | Failure::Limited)) => return Err(failure),
     }
@@ -205,16 +205,19 @@ pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Resul
     })?;
     let Some((host, held)) = told else {
         console::note(
-            "No node of the team knows yet: none runs on this machine. `dca team revoke` without a name tells one later.",
+            "No node of the team knows the revocations yet, because no node runs on this machine. Later, `dca team revoke` without a name tells a node.",
         );
         return Ok(());
     };
     let there: BTreeSet<&KeyId> = held.iter().flat_map(|set| set.keys().keys()).collect();
     let missing = known.keys().iter().filter(|key| !there.contains(key)).count();
     if missing > 0 {
-        return Err(anyhow!("the node `{host}` does not know of {missing} keys that are revoked: tell it again").into());
+        return Err(anyhow!(
+            "the node `{host}` does not know of {missing} revoked keys: run `dca team revoke` again without a name"
+        )
+        .into());
     }
-    console::note(&format!("the node `{host}` knows, and tells all that it meets"));
+    console::note(&format!("the node `{host}` knows the revocations, and tells them to every node that it meets"));
     take(keyring, bundle.clone(), &held)?;
     Ok(())
 }
@@ -225,6 +228,8 @@ pub(super) fn summary(revoked: &Revocations, team: &KeyId) -> String {
     match revoked.sets().len() {
         0 => "no key is revoked".to_owned(),
         1 => format!("revocations: number {number}, keys {keys}"),
-        count => format!("revocations: number {number}, keys {keys}, in {count} sets; who is revoked next joins them"),
+        count => {
+            format!("revocations: number {number}, keys {keys}, in {count} sets; the next revocation joins these sets")
+        }
     }
 }

@@ -41,7 +41,7 @@ struct Add {
     /// The line that `dca team key` prints on the user's machine
     #[arg(long, value_name = "KEY", value_parser = key)]
     key: Box<PublicKeys>,
-    /// For how many days it can be renewed
+    /// For how many days the certificate can be renewed
     #[arg(long, default_value_t = DAYS, value_parser = clap::value_parser!(u64).range(1..=RENEWABLE_MAX / DAY))]
     days: u64,
 }
@@ -50,7 +50,7 @@ struct Add {
 struct Remove {
     /// The name of the user
     name: Name,
-    /// Also if it is the only admin: another person has the key
+    /// Also remove the only admin, because another person has the key
     #[arg(long)]
     last_admin: bool,
 }
@@ -116,8 +116,8 @@ impl Add {
         let until = date::text(claims.not_after.0.saturating_mul(1000));
         (claims.role != self.role && claims.not_after > now).then(|| {
             format!(
-                "The certificate as {} stays valid until {until}, where somebody has kept it: `dca team user remove {}` ends \
-                 it at once, with the key.",
+                "A kept copy of the certificate as {} stays valid until {until}: `dca team user remove {}` ends \
+                 its validity at once, by revoking the key.",
                 claims.role, claims.name
             )
         })

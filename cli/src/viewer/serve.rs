@@ -160,7 +160,7 @@ async fn order(shared: &Shared, head: &Head, body: &[u8]) -> String {
     };
     match timeout(ORDER_WITHIN, given).await {
         Ok(Some(word)) => word,
-        Ok(None) => "not done: the view ends".to_owned(),
+        Ok(None) => "the order was not carried out, because the view ends".to_owned(),
         Err(_) => {
             format!("no result within {} s; the robots below show whether they are stopped", ORDER_WITHIN.as_secs())
         }

@@ -75,7 +75,7 @@ fn the_file_beside_a_spec_gives_values_and_hosts() {
     let (code, out, err) = texts(&folder.dca(&["check", &spec], &[]));
     assert!(code == Some(0) && out.contains("on r7: no errors") && err.is_empty(), "{out}{err}");
     let (code, out, err) = texts(&folder.dca(&["check", &spec, "--set", "robot=r8"], &[]));
-    let warned = err.contains("warning: `r8` is none of the hosts in `dca.toml`");
+    let warned = err.contains("warning: `r8` is not one of the hosts in `dca.toml`");
     assert!(code == Some(0) && out.contains("on r8") && warned, "{out}{err}");
     folder.file("dca.toml", "contollers = []\n");
     let (code, out, err) = texts(&folder.dca(&["check", &spec], &[]));

@@ -49,7 +49,7 @@ pub enum ControlError {
         cause: io::Error,
     },
     /// The other side belongs to another user.
-    #[error("the other side runs as user {uid}, not as this one")]
+    #[error("the other side runs as user {uid}, not as the user of this program")]
     Stranger {
         /// Its user id.
         uid: u32,

@@ -127,7 +127,7 @@ pub enum OpenError {
     },
     /// The TCP port cannot be had.
     #[error(
-        "cannot listen on port {port} of {address}: {cause}; choose another with `--port`, or none for any that is free"
+        "cannot listen on port {port} of {address}: {cause}; choose another port with `--port`, or leave out `--port` for any free port"
     )]
     Port {
         /// The TCP port that is taken.
@@ -138,7 +138,7 @@ pub enum OpenError {
         cause: String,
     },
     /// No other host of the team can connect.
-    #[error("no way for others of the team: {cause}")]
+    #[error("other nodes of the team cannot connect: {cause}")]
     Tunnels {
         /// The reason.
         cause: String,

@@ -195,13 +195,13 @@ pub enum DatabaseRefusal {
         why: String,
     },
     /// Only another robot writes there.
-    #[error("only the robot `{robot}` writes there")]
+    #[error("only the robot `{robot}` may write this key")]
     NotOwner {
         /// The name of the robot.
         robot: String,
     },
     /// A value or transaction is too long.
-    #[error("{size} bytes are more than the {size_max} that are allowed; give the parts keys of their own")]
+    #[error("{size} bytes are more than the {size_max} that are allowed; write the parts to separate keys")]
     TooLarge {
         /// The size of the value or transaction, in bytes.
         size: u64,
@@ -215,7 +215,7 @@ pub enum DatabaseRefusal {
         waiting: u32,
     },
     /// No node is running at present, so the request was not sent.
-    #[error("the node is away, so nothing was asked; try again when it is back")]
+    #[error("the node is not connected, so no request was sent; try again when the node is back")]
     NoNode,
     /// The database's own words.
     #[error("{why}")]

@@ -143,7 +143,7 @@ pub enum ExportKind {
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ObjectError {
     /// No running program has this name.
-    #[error("nothing that runs is called `{name}`")]
+    #[error("no running process is called `{name}`")]
     NoSuchName {
         /// As asked for.
         name: String,
@@ -157,7 +157,9 @@ pub enum ObjectError {
         known: Vec<String>,
     },
     /// The two ends have different types.
-    #[error("`{name}` is `{theirs}` there, and `{ours}` here: one of both programs was built from another definition")]
+    #[error(
+        "`{name}` is `{theirs}` there, and `{ours}` here: one of the two programs was built with another definition"
+    )]
     WrongType {
         /// The procedure.
         name: String,
@@ -173,13 +175,13 @@ pub enum ObjectError {
         reason: String,
     },
     /// No answer in time.
-    #[error("no answer within {}; it may have been carried out", span(*.within))]
+    #[error("no answer within {}; the call may have been carried out", span(*.within))]
     Deadline {
         /// The time given.
         within: Duration,
     },
     /// The program has ended, or the way to it is lost.
-    #[error("its program has ended, or was cut off, without an answer; it may have been carried out")]
+    #[error("the program has ended, or was cut off, without an answer; the call may have been carried out")]
     Gone,
     /// Too many bytes.
     #[error("{size} bytes are more than the {size_max} that a call can have")]
@@ -190,7 +192,7 @@ pub enum ObjectError {
         size_max: u64,
     },
     /// Too many calls wait.
-    #[error("{waiting} calls are waiting there already")]
+    #[error("{waiting} calls are already waiting at this program")]
     Busy {
         /// Their number.
         waiting: u32,
@@ -235,17 +237,17 @@ impl ObjectError {
                 "`dca list` shows what is exported, with its types"
             }
             Self::Refused { .. } | Self::Unanswered { .. } => "",
-            Self::Deadline { .. } => "`--within` gives it more time; `dca status` shows whether its program runs",
-            Self::Gone => "`dca status` shows whether its program runs",
-            Self::TooLarge { .. } => "large data goes over a connection",
-            Self::Busy { .. } => "try again, or less often",
+            Self::Deadline { .. } => "`--within` gives the program more time; `dca status` shows whether it runs",
+            Self::Gone => "`dca status` shows whether the program runs",
+            Self::TooLarge { .. } => "send large data over a connection",
+            Self::Busy { .. } => "try again later, or call less often",
             Self::NotConnected { .. } => "`internal_connections` connects it",
         }
     }
 }
 
 fn known_words(known: &[String]) -> String {
-    if known.is_empty() { "it exports nothing".to_owned() } else { format!("there are `{}`", known.join("`, `")) }
+    if known.is_empty() { "it exports nothing".to_owned() } else { format!("its exports are `{}`", known.join("`, `")) }
 }
 
 impl Signature {
@@ -426,7 +428,7 @@ mod tests {
     #[test]
     fn an_error_says_what_is_known_and_no_more() {
         let deadline = ObjectError::Deadline { within: Duration::from_millis(1500) };
-        assert_eq!(deadline.to_string(), "no answer within 1.5 s; it may have been carried out");
+        assert_eq!(deadline.to_string(), "no answer within 1.5 s; the call may have been carried out");
         assert!(deadline.may_have_happened() && ObjectError::Gone.may_have_happened());
         let wrong = ObjectError::WrongType {
             name: "Grip".into(),
@@ -442,7 +444,10 @@ mod tests {
             name: "Grab".into(),
             known: known.iter().map(|&name| name.to_owned()).collect(),
         };
-        assert_eq!(missing(&["Grip", "opening"]).to_string(), "it exports no `Grab`; there are `Grip`, `opening`");
+        assert_eq!(
+            missing(&["Grip", "opening"]).to_string(),
+            "it exports no `Grab`; its exports are `Grip`, `opening`"
+        );
         assert_eq!(missing(&[]).to_string(), "it exports no `Grab`; it exports nothing");
         assert!(!wrong.may_have_happened() && !missing(&[]).may_have_happened());
         let large = ObjectAnswer::from(Ok(vec![0; PAYLOAD_SIZE_MAX + 1]));

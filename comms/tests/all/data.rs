@@ -93,7 +93,7 @@ fn nobody_there_is_said_so_in_time() {
     let error = consumer.dial(&dial, Duration::from_millis(300)).unwrap_err().to_string();
     assert!(error.contains("nothing answers at unixsock-stream/"), "{error}");
     let dial = Dial { session: "a1".to_owned(), locators: vec![] };
-    assert!(consumer.dial(&dial, LONG).unwrap_err().to_string().contains("listens nowhere"));
+    assert!(consumer.dial(&dial, LONG).unwrap_err().to_string().contains("does not listen on an address"));
     let dial = Dial { session: "not hex".to_owned(), locators: vec!["x/y".to_owned()] };
     assert!(consumer.dial(&dial, LONG).unwrap_err().to_string().contains("is not a session"));
     consumer.close();

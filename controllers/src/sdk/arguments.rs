@@ -70,7 +70,7 @@ pub(crate) enum Secret {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ArgumentError {
     /// There is no parameter of this name.
-    #[error("no parameter `{name}`; there {}", listed(.known))]
+    #[error("no parameter `{name}`; {}", listed(.known))]
     Unknown {
         /// The given name.
         name: String,
@@ -78,7 +78,7 @@ pub enum ArgumentError {
         known: Vec<&'static str>,
     },
     /// More arguments than parameters.
-    #[error("argument `{value}` is one too many; there {}", listed(.known))]
+    #[error("argument `{value}` is one too many; {}", listed(.known))]
     TooMany {
         /// The first argument without a parameter.
         value: String,
@@ -113,9 +113,9 @@ pub enum ArgumentError {
 
 fn listed(names: &[&'static str]) -> String {
     match names {
-        [] => "are none".to_owned(),
-        [name] => format!("is `{name}`"),
-        names => format!("are `{}`", names.join("`, `")),
+        [] => "this controller has no parameters".to_owned(),
+        [name] => format!("the only parameter is `{name}`"),
+        names => format!("the parameters are `{}`", names.join("`, `")),
     }
 }
 
@@ -456,7 +456,7 @@ mod tests {
             wrong,
             [
                 "parameter `seed` is `-1`, which is not a number from 0 to 1000000",
-                "no parameter `gain`; there are `lock`, `seed`, `loud`"
+                "no parameter `gain`; the parameters are `lock`, `seed`, `loud`"
             ]
         );
     }
@@ -583,7 +583,7 @@ mod tests {
         check(&["locked", "inf"], "parameter `seed` is `inf`, which is not a number from 0 to 1000000");
         check(&["locked", "-3"], "parameter `seed` is `-3`, which is not a number from 0 to 1000000");
         check(&["lock=locked", "locked"], "parameter `lock` is given twice");
-        check(&["sead=1"], "no parameter `sead`; there are `lock`, `seed`, `loud`");
-        check(&["locked", "1", "true", "4"], "argument `4` is one too many; there are `lock`, `seed`, `loud`");
+        check(&["sead=1"], "no parameter `sead`; the parameters are `lock`, `seed`, `loud`");
+        check(&["locked", "1", "true", "4"], "argument `4` is one too many; the parameters are `lock`, `seed`, `loud`");
     }
 }

@@ -98,7 +98,7 @@ impl Arrivals {
     pub fn trouble(&self) -> Option<String> {
         let is_stuck = self.repeated >= REPEATED_MIN;
         let stuck =
-            is_stuck.then(|| format!("has got its last sample {} times more, with the same stamp", self.repeated));
+            is_stuck.then(|| format!("has received its last sample {} more times, with the same stamp", self.repeated));
         self.refusals.trouble().or(stuck)
     }
 }

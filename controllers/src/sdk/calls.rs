@@ -150,7 +150,8 @@ impl<A: Message, R: Message> Calls<A, R> {
         let (number, result) = self.raw.answer()?;
         let decode = |bytes: Vec<u8>| {
             let read = postcard::from_bytes(&bytes);
-            let read = read.map_err(|cause| refused(format!("the answer is not a `{}`: {cause}", R::TYPE)))?;
+            let read =
+                read.map_err(|cause| refused(format!("the answer is not a value of type `{}`: {cause}", R::TYPE)))?;
             fit(&read, "answer").map(|()| read)
         };
         Some((number, result.and_then(decode)))

@@ -127,11 +127,11 @@ impl Progress {
     /// number in the value is not finite, or the value cannot be encoded.
     pub fn done<T: Serialize + ?Sized>(value: &T) -> Self {
         if !is_finite(value) {
-            return Self::Aborted("a number of the value that it leaves is not finite".to_owned());
+            return Self::Aborted("a number in its result value is not finite".to_owned());
         }
         match postcard::to_stdvec(value) {
             Ok(bytes) => Self::Done(bytes),
-            Err(cause) => Self::Aborted(format!("the value that it leaves cannot be written: {cause}")),
+            Err(cause) => Self::Aborted(format!("cannot encode its result value: {cause}")),
         }
     }
 

@@ -159,7 +159,7 @@ impl Transaction {
     pub fn put(mut self, key: impl Into<String>, value: impl Into<Value>) -> Self {
         let value = value.into();
         if !value.is_shallow() {
-            let why = "lists and tables lie too deep in each other; give the parts keys of their own".to_owned();
+            let why = "lists and tables are nested too deeply; write the parts to separate keys".to_owned();
             self.problem.get_or_insert(DatabaseRefusal::Database { why });
         }
         let value = Some(Stored::from(&value));
@@ -336,7 +336,7 @@ impl Database {
                 | DatabaseAnswer::Complete
                 | DatabaseAnswer::Changed(_),
             ) => {
-                let why = "the node has answered something that was not asked".to_owned();
+                let why = "unexpected answer from the node".to_owned();
                 self.fail(number, is_write, DatabaseError::Unknown(Unknown::Disk { why }));
             }
         }

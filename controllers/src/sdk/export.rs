@@ -163,7 +163,8 @@ impl<C: 'static> Exports<C> {
         };
         let run = move |controller: &mut C, argument: &[u8], raw: RawReply| {
             let read = postcard::from_bytes(argument);
-            let read = read.map_err(|cause| refused(format!("the argument is not a `{}`: {cause}", A::TYPE)));
+            let read =
+                read.map_err(|cause| refused(format!("the argument is not a value of type `{}`: {cause}", A::TYPE)));
             match read.and_then(|argument| fit(&argument, "argument").map(|()| argument)) {
                 Ok(argument) => run(controller, argument, Reply { raw, of: PhantomData }),
                 Err(error) => raw.answer(Err(error)),
@@ -190,7 +191,7 @@ impl<C: 'static> Exports<C> {
             }
             Run::Procedure(_) => {
                 let does = if activity == Activity::Idle { "does not run" } else { "is stopping" };
-                reply.answer(Err(refused(format!("`{name}` is not answered now: its process {does}"))));
+                reply.answer(Err(refused(format!("`{name}` cannot answer now: its process {does}"))));
             }
         }
     }
@@ -233,7 +234,7 @@ pub(super) fn fit<T: Message>(value: &T, what: &str) -> Result<(), ObjectError> 
 }
 
 pub(super) fn encode<T: Message>(value: &T) -> Result<Vec<u8>, ObjectError> {
-    postcard::to_stdvec(value).map_err(|cause| refused(format!("a `{}` cannot be written: {cause}", T::TYPE)))
+    postcard::to_stdvec(value).map_err(|cause| refused(format!("cannot encode a value of type `{}`: {cause}", T::TYPE)))
 }
 
 impl ExportInterface {
@@ -384,10 +385,10 @@ mod tests {
         assert_eq!(ask("Open", &half, Activity::Running), Ok(vec![]));
         assert_eq!(refused(ask("Open", &two, Activity::Running)), "too wide");
         assert!(refused(ask("Open", &two[1..], Activity::Running)).starts_with("the argument is not a `Width`"));
-        assert_eq!(refused(ask("Open", &half, Activity::Idle)), "`Open` is not answered now: its process does not run");
+        assert_eq!(refused(ask("Open", &half, Activity::Idle)), "`Open` cannot answer now: its process does not run");
         assert_eq!(
             refused(ask("Open", &half, Activity::Stopping)),
-            "`Open` is not answered now: its process is stopping"
+            "`Open` cannot answer now: its process is stopping"
         );
         for activity in [Activity::Running, Activity::Idle, Activity::Stopping] {
             assert_eq!(ask("Home", &[], activity), Ok(half.to_vec()));
@@ -395,7 +396,7 @@ mod tests {
         }
         assert_eq!(
             refused(ask("Close", &[], Activity::Running)),
-            "it exports no `Close`; there are `Open`, `Home`, `Grip`, `opening`"
+            "it exports no `Close`; its exports are `Open`, `Home`, `Grip`, `opening`"
         );
     }
 

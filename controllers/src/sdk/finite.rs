@@ -33,7 +33,7 @@ impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::NotFinite => "a number is not finite",
-            Self::Unwritable => "the value cannot be written",
+            Self::Unwritable => "the value cannot be encoded",
         })
     }
 }

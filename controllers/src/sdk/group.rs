@@ -165,7 +165,9 @@ pub enum GroupError {
         port: &'static str,
     },
     /// One member owns a device that another member uses, or two members write to one device.
-    #[error("`{group}`: `{key}` is of two members; a device has its owner and its clients in programs of their own")]
+    #[error(
+        "`{group}`: two members use the device `{key}`; put the owner of the device and each client into separate programs"
+    )]
     Device {
         /// The group.
         group: &'static str,

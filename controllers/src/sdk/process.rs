@@ -77,9 +77,9 @@ enum ProcessError {
     Session(#[from] OpenError),
     #[error("cannot talk to the node: {0}")]
     Control(#[from] ControlError),
-    #[error("the controller does not take its orders: it is stuck in a calculation")]
+    #[error("the controller does not accept orders: it is stuck in a calculation")]
     Stuck,
-    #[error("cannot be seen from other hosts of the team: {0}")]
+    #[error("cannot accept connections from other hosts of the team: {0}")]
     Team(String),
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),

@@ -28,7 +28,7 @@ struct Entry {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CreateError {
     /// There is no such type.
-    #[error("unknown controller type `{type_name}`; there are {}", .known.join(", "))]
+    #[error("unknown controller type `{type_name}`; the known types are {}", .known.join(", "))]
     UnknownType {
         /// The given name.
         type_name: String,

@@ -90,8 +90,8 @@ pub enum StoreError {
     },
     /// The store was made with the other engine. The engine of a folder cannot be changed.
     #[error(
-        "the store `{path}` is kept by {found}, not by {wanted}; start without `--store`, or move the folder away: then a new one \
-         is made, and what other robots have comes back from them"
+        "the store `{path}` is kept by {found}, not by {wanted}; start without `--store`, or move the folder away: then a new store \
+         is made, and data that other robots have comes back from them"
     )]
     Engine {
         /// The directory of the store.

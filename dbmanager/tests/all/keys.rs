@@ -180,7 +180,7 @@ fn what_a_member_may_not_write_is_taken_over_by_nobody() {
     type Lie = (&'static str, (usize, usize), fn(Timestamp) -> Timestamp, Vec<Write>);
     let admission = |robot: &str| member::admission(new, robot).unwrap();
     let lies: Vec<Lie> = vec![
-        ("`r1` has not signed what is said to be of it", (1, 2), |stamp| stamp, stolen()),
+        ("`r1` has not signed a transaction in its name", (1, 2), |stamp| stamp, stolen()),
         ("`r2` retires `r1`, whose key is not revoked", (2, 2), |stamp| stamp, vec![member::retirement(r1).unwrap()]),
         ("is admitted without a claim of its own", (2, 2), |stamp| stamp, vec![admission("r1")]),
         (

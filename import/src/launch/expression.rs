@@ -40,7 +40,7 @@ pub(super) fn evaluate(text: &str) -> Result<String, String> {
 }
 
 fn unknown(text: &str) -> String {
-    format!("`{}` is Python, and its value is not known", crate::name::plain(text))
+    format!("`{}` is a Python expression, so its value is not known", crate::name::plain(text))
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -286,7 +286,7 @@ fn common(importer: &mut Importer<'_>, entity: &Entity, program: &mut Program) {
     importer.remark(
         entity,
         RemarkKind::Differs,
-        "it is started again at most five times within 60 s, and then it has aborted",
+        "this node is restarted at most five times within 60 s, and then it aborts",
     );
     if program.ends == Ends::Done {
         program.ends = Ends::Service;

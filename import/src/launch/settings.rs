@@ -97,11 +97,13 @@ fn apply(importer: &mut Importer<'_>, entity: &Entity, all: Vec<Setting>, settin
                     continue;
                 }
                 if !parameters.is_empty() {
-                    let why = format!("values of the node win over those in `{file}`; in launch the file wins");
+                    let why = format!(
+                        "values of the node replace the values in `{file}`; in launch, the file replaces the values of the node"
+                    );
                     importer.remark(entity, RemarkKind::Differs, &why);
                 }
                 if !file.starts_with('/') {
-                    let why = format!("`{file}` is a path from the folder in which the node of DCA runs");
+                    let why = format!("`{file}` is relative to the folder in which the node of DCA runs");
                     importer.remark(entity, RemarkKind::Differs, &why);
                 }
                 settings.files.push(file);
@@ -171,7 +173,7 @@ fn remap(importer: &mut Importer<'_>, entity: &Entity, [from, to]: [String; 2], 
     }
     let rule = format!("{from}:={to}");
     if from.is_empty() || to.is_empty() || words::written(&rule).is_err() {
-        importer.missing(entity, &format!("`{rule}` is not another name"));
+        importer.missing(entity, &format!("`{rule}` does not give another name"));
     } else {
         settings.words.extend(["-r".to_owned(), rule]);
     }

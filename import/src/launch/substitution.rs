@@ -94,7 +94,7 @@ impl<'a> Cursor<'a> {
             let blanks = self.rest().len() - self.rest().trim_start().len();
             self.at += blanks;
             match self.rest().chars().next() {
-                None => return open(&self.text[begin..], &arguments, "it has no end".to_owned()),
+                None => return open(&self.text[begin..], &arguments, "it is not closed".to_owned()),
                 Some(')') => break,
                 Some(quote @ ('"' | '\'')) => {
                     self.next();
@@ -132,7 +132,7 @@ impl<'a> Cursor<'a> {
             ("not-equals", [one, other]) => Ok(all.into_other(text_of(!same(&one.text, &other.text)))),
             ("not", [_]) | ("and" | "or", [_, _]) | ("any" | "all", [_, ..]) => truths(name, arguments, all),
             ("if", [condition, yes, rest @ ..]) => {
-                let is_true = condition.truth().ok_or("its condition is not a truth")?;
+                let is_true = condition.truth().ok_or("its condition is not a truth value")?;
                 let other = rest.first().cloned().unwrap_or_default();
                 Ok(all.into_other(if is_true { yes.text.clone() } else { other.text }))
             }

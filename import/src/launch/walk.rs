@@ -122,8 +122,7 @@ pub(super) fn import(
     if importer.programs.is_empty() {
         importer.remark(root, RemarkKind::Missing, "the file starts no program that a spec can start");
     } else {
-        let why =
-            "in launch the others go on when a program fails; here the failure ends all. `name?` lets the others go on";
+        let why = "in launch, the other programs continue when a program fails; here, the failure ends all programs. `name?` lets the other programs continue";
         importer.remark(root, RemarkKind::Differs, why);
     }
     Ok(spec::imported(importer, file, &steps))
@@ -172,7 +171,7 @@ impl Importer<'_> {
             if !std::mem::replace(&mut argument.is_settled, true) {
                 let Argument { name, value, file, place, .. } = &*argument;
                 let text = format!(
-                    "argument `{name}` decides more than values of parameters, so it is `{}` there; `--set {name}=VALUE` of the import gives another value",
+                    "argument `{name}` decides more than values of parameters: there, its value is fixed to `{}`; import with `--set {name}=VALUE` for another value",
                     name::plain(&value.text)
                 );
                 self.settled.push(Remark::about(file, *place, RemarkKind::Differs, &text));

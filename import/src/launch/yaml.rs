@@ -109,7 +109,7 @@ impl Reader<'_> {
             (Content::Map(entries), None) => {
                 let place = value.place;
                 let Content::Scalar(key) = value.content else {
-                    return Err(self.error(place, "a key is a text here"));
+                    return Err(self.error(place, "a key must be a text here"));
                 };
                 if entries.iter().any(|(known, _)| *known == key) {
                     return Err(self.error(place, format!("the key `{key}` is there twice")));

@@ -126,7 +126,7 @@ fn send(writer: &mut Writer<'_>, node: Node<'_>) -> String {
     match timer::delay(node) {
         Some(0) => {
             if node.attribute("target") != Some("#_internal") {
-                let why = format!("`{}` is a signal here, which goes before messages that wait", plain(own));
+                let why = format!("`{}` is a signal here, which is handled before waiting messages", plain(own));
                 text += &writer.remark(node, RemarkKind::Differs, why);
             }
             text + &raise(writer, node, own)
@@ -204,7 +204,7 @@ fn log(writer: &mut Writer<'_>, node: Node<'_>) -> String {
     match expression::parse(expression, &writer.model).filter(|formula| !matches!(formula.sort, Sort::Text(_))) {
         Some(formula) => format!("log({} + {});\n", quoted(&label), formula.text),
         None => {
-            let why = format!("the line for people shows the expression, not its value: {}", plain(expression));
+            let why = format!("the line in the log shows the expression, not its value: {}", plain(expression));
             let written = format!("log({});\n", quoted(&format!("{label}{}", plain(expression))));
             writer.remark(node, RemarkKind::Differs, why) + &written
         }

@@ -148,7 +148,7 @@ fn history(writer: &mut Writer<'_>, node: Node<'_>, name: &str) -> Result<String
     }
     let entry = elements(node).find(|child| tag(*child) == "transition");
     let Some((entry, ids)) = entry.and_then(|entry| Some((entry, entry.attribute("target")?))) else {
-        let why = "a <history> without a <transition> that says where it leads at first";
+        let why = "a <history> needs a <transition> to its default state";
         return Err(ImportError::at(writer.model.file, node, why));
     };
     let targets: Vec<String> = writer.model.named(entry, ids)?.iter().map(|state| state.name.clone()).collect();
@@ -174,7 +174,7 @@ fn invoke(writer: &mut Writer<'_>, node: Node<'_>, remarks: &mut String) -> Stri
     let description = format!("The process that the chart invokes as `{}`.", plain(source));
     writer.runs.push(Run { instance: instance.clone(), module: module.clone(), description });
     let why = format!(
-        "<invoke> is the run of `{instance}` here: `{module}` is a program or an activity to write, which gets no data"
+        "<invoke> is the run of `{instance}` here: `{module}` is a program or an activity that you have to write; it gets no data"
     );
     *remarks += &writer.remark(node, RemarkKind::Missing, why);
     instance

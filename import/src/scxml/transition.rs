@@ -79,8 +79,11 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
             continue;
         }
         if invoked > 0 && matches("error", stem) {
-            *remarks +=
-                &writer.remark(node, RemarkKind::Differs, "an error is the failure of the process of this state");
+            *remarks += &writer.remark(
+                node,
+                RemarkKind::Differs,
+                "here, an error event is the failure of the process of this state",
+            );
             add("aborted".into());
             continue;
         }

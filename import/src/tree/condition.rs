@@ -195,7 +195,7 @@ fn scripted(context: &mut Context<'_>, node: Node<'_>, key: &ModuleKey, wanted: 
     let code = key.id.strip_prefix("script ").unwrap_or(&key.id);
     if key.role == Role::Once {
         let name = context.modules.name(key).to_owned();
-        let text = format!("`{name}` is a program to write, for the script: {code}");
+        let text = format!("`{name}` is a program that you have to write, for the script: {code}");
         context.remark(node, RemarkKind::Missing, text);
     }
     let ports = names_of(code)

@@ -28,7 +28,7 @@ pub(super) fn content<'a>(context: &mut Context<'a>, node: Node<'a>, around: Aro
             Ok(fallback(children(context, node, inside)?))
         }
         "SequenceWithMemory" | "SequenceStar" => {
-            let text = "when it is tried again, it begins with its first child; in the tree with the child that failed";
+            let text = "when this node is tried again, it begins with its first child; in the tree, it begins with the child that failed";
             context.remark(node, RemarkKind::Differs, text);
             Ok(Piece::joined(";", children(context, node, Around::Sequence)?))
         }
@@ -69,7 +69,7 @@ fn unknown<'a>(context: &mut Context<'a>, node: Node<'a>, name: &str) -> Result<
     if count == 0 {
         return leaf(context, node, Role::Once);
     }
-    let what = if count == 1 { "its child alone stands here" } else { "its children run one after the other here" };
+    let what = if count == 1 { "only its child is imported" } else { "its children run one after the other here" };
     context.remark(node, RemarkKind::Missing, format!("`{name}` is not a node of BehaviorTree.CPP: {what}"));
     Ok(Piece::joined(";", children(context, node, Around::Sequence)?))
 }
@@ -92,7 +92,11 @@ fn parallel<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
     let (successes, failures) = (threshold(context, node, successes)?, threshold(context, node, failures)?);
     let pieces = children(context, node, Around::Other)?;
     if successes == 0 {
-        context.remark(node, RemarkKind::Differs, "it succeeds before a child runs; here no child is started");
+        context.remark(
+            node,
+            RemarkKind::Differs,
+            "in the tree, this node succeeds before a child runs; here, no child is started",
+        );
         return Ok(Piece::skip());
     }
     // So many failures leave too few children for a success.
@@ -102,7 +106,7 @@ fn parallel<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
     }
     if failures < hopeless {
         let text = format!(
-            "it fails after {failures} failures; here it fails after {hopeless}, when it cannot succeed any more"
+            "in the tree, this node fails after {failures} failures; here, it fails after {hopeless} failures, when it can no longer succeed"
         );
         context.remark(node, RemarkKind::Differs, text);
     }
@@ -115,7 +119,9 @@ fn parallel<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
 fn parallel_all<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
     let failures = decorator::number(context, node, "max_failures")?.unwrap_or(1);
     if threshold(context, node, failures)? != 1 {
-        let text = format!("it fails when {failures} children fail; here it fails when one does, after all have ended");
+        let text = format!(
+            "in the tree, this node fails when {failures} children fail; here, it fails when one child fails, after all children have ended"
+        );
         context.remark(node, RemarkKind::Differs, text);
     }
     Ok(Piece::joined(",", children(context, node, Around::Other)?))
@@ -166,8 +172,12 @@ fn switch<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Import
     let outcomes: Vec<String> = (1..=cases).map(|number| format!("case_{number}")).chain(["other".into()]).collect();
     context.modules.outcomes(&key, &outcomes);
     let name = context.modules.name(&key).to_owned();
-    context.remark(node, RemarkKind::Missing, format!("`{name}` is a program to write, which reads `{variable}`"));
-    let text = "it chooses once; in the tree it chooses again at each tick, and halts the child that it leaves";
+    context.remark(
+        node,
+        RemarkKind::Missing,
+        format!("`{name}` is a program that you have to write; it reads `{variable}`"),
+    );
+    let text = "this node chooses once; in the tree, it chooses again at each tick, and halts the previous child";
     context.remark(node, RemarkKind::Differs, text);
     let port = super::leaf::PortUse {
         port: "variable".into(),

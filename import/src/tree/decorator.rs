@@ -99,7 +99,7 @@ pub(super) fn content<'a>(
             Some(_) | None => piece,
         },
         "RunOnce" => {
-            let text = "it runs each time; in the tree it runs once, and later ticks are skipped";
+            let text = "this node runs each time; in the tree, it runs once, and later ticks are skipped";
             context.remark(node, RemarkKind::Differs, text);
             piece
         }
@@ -109,7 +109,7 @@ pub(super) fn content<'a>(
             context.remark(
                 node,
                 RemarkKind::Missing,
-                format!("`{name}` has no counterpart: its child alone stands here"),
+                format!("`{name}` has no counterpart: only its child is imported"),
             );
             piece
         }
@@ -132,7 +132,10 @@ fn retry(context: &mut Context<'_>, node: Node<'_>, piece: Piece) -> Result<Piec
         2.. => {
             let tries = (attempts - 1).min(RETRIES_MAX);
             if tries < attempts - 1 {
-                let text = format!("it tries {attempts} times; a spec tries {} times at most", RETRIES_MAX + 1);
+                let text = format!(
+                    "in the tree, this node tries {attempts} times; a spec can try at most {} times",
+                    RETRIES_MAX + 1
+                );
                 context.remark(node, RemarkKind::Differs, text);
             }
             piece.prefixed(&format!("retry({tries})"))

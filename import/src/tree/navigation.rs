@@ -17,16 +17,16 @@ pub(super) fn content<'a>(context: &mut Context<'a>, node: Node<'a>, name: &str)
         "RoundRobin" => {
             differs(
                 context,
-                "it begins with its first child each time; in the tree with the child behind the last one",
+                "this node begins with its first child each time; in the tree, it begins with the child after the previous one",
             );
             fallback(children(context, node, Around::Fallback)?)
         }
         "PersistentSequence" | "NonblockingSequence" => {
-            differs(context, "its children run one after the other, and from the first one each time");
+            differs(context, "its children run one after the other, and begin with the first child each time");
             Piece::joined(";", children(context, node, Around::Sequence)?)
         }
         "RateController" => {
-            differs(context, "its child runs once here; in the tree it is ticked again at this rate");
+            differs(context, "its child runs once here; in the tree, the child is ticked again at this rate");
             let child = only_child(context, node)?;
             child_node(context, child, Around::Other)?
         }
@@ -41,7 +41,7 @@ pub(super) fn content<'a>(context: &mut Context<'a>, node: Node<'a>, name: &str)
             context.remark(
                 node,
                 RemarkKind::Missing,
-                format!("`{name}` has no counterpart: its child alone stands here"),
+                format!("`{name}` has no counterpart: only its child is imported"),
             );
             let child = only_child(context, node)?;
             child_node(context, child, Around::Other)?
@@ -70,11 +70,14 @@ fn recovery<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
     if retries == 1 {
         return Ok(task.or_else(again));
     }
-    let text = "after a failure of the recovery itself it tries again; in the tree it fails at once";
+    let text = "after a failure of the recovery itself, this node tries again; in the tree, it fails at once";
     context.remark(node, RemarkKind::Differs, text);
     let tries = (retries - 1).min(RETRIES_MAX);
     if tries < retries - 1 {
-        let text = format!("it recovers {retries} times; a spec does so {} times at most", RETRIES_MAX + 1);
+        let text = format!(
+            "in the tree, this node recovers {retries} times; a spec can do this at most {} times",
+            RETRIES_MAX + 1
+        );
         context.remark(node, RemarkKind::Differs, text);
     }
     Ok(task.or_else(again.prefixed(&format!("retry({tries})"))))

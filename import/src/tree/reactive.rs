@@ -93,7 +93,7 @@ fn watchers<'a>(context: &mut Context<'a>, nodes: &[Node<'a>], change: Change) -
             && tag(node) != "AlwaysSuccess"
             && tag(node) != "AlwaysFailure"
         {
-            let text = format!("no file says that <{}> is a condition; it is taken for one", tag(node));
+            let text = format!("no file says whether <{}> is a condition; it is read as a condition", tag(node));
             context.remark(node, RemarkKind::Differs, text);
         }
         watchers.push(watcher(context, node, change)?);

@@ -249,14 +249,14 @@ fn the_spec_is_never_refused_for_its_own_text() {
         let inside: String = (0..1 + random.below(3)).map(|_| nonsense(&mut random, 3, is_chart)).collect();
         if is_chart {
             if let Err(error) = imported(&format!("<scxml><state id=\"s\"/>{inside}</scxml>"))
-                && error.why.contains("the spec that it means is refused")
+                && error.why.contains("the resulting spec is refused")
             {
                 refusals.entry(error.why).or_insert(seed);
             }
             continue;
         }
         if let Err(error) = imported(&tree(&format!("<Sequence>{inside}</Sequence>")))
-            && error.why.contains("the spec that it means is refused")
+            && error.why.contains("the resulting spec is refused")
         {
             refusals.entry(error.why).or_insert(seed);
         }

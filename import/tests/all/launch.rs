@@ -241,7 +241,7 @@ fn becomes_a_spec(name: &str, text: &str, told: &str) -> bool {
     let imported = match imported(&[(name, text)], &[]) {
         Ok(imported) => imported,
         Err(error) => {
-            assert!(!error.why.contains("the spec that it means is refused"), "{told}: {error}\n{text}");
+            assert!(!error.why.contains("the resulting spec is refused"), "{told}: {error}\n{text}");
             return false;
         }
     };

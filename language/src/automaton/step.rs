@@ -115,8 +115,7 @@ impl Reaction<'_> {
         let leaves: Vec<usize> = self.configuration.leaves(self.automaton).take(NAMES_MAX).collect();
         let names: Vec<String> =
             leaves.iter().map(|&state| format!("`{}`", self.automaton.chart().states[state].name)).collect();
-        let why =
-            format!("the activity turns for ever, since what it runs ends at once: it is in {}", names.join(", "));
+        let why = format!("the activity loops for ever, because its runs end at once: it is in {}", names.join(", "));
         self.end(Outcome::Aborted(failed(&why)))
     }
 
@@ -434,7 +433,7 @@ impl Reaction<'_> {
             Some(&state) if sources.len() <= NAMES_MAX => names.push(name(state)),
             _ => names.push("…".into()),
         }
-        failed(&format!("the activity turns for ever without an event: {}", names.join(" → ")))
+        failed(&format!("the activity loops for ever without an event: {}", names.join(" → ")))
     }
 }
 
@@ -443,6 +442,6 @@ fn cue_of(state: usize, outcome: Outcome) -> Cue {
     match outcome {
         Outcome::Done(value) => Cue::Done { state, value },
         Outcome::Aborted(reason) => Cue::Aborted { state, reason },
-        Outcome::Stopped => Cue::Aborted { state, reason: failed("it stopped without being asked to") },
+        Outcome::Stopped => Cue::Aborted { state, reason: failed("it stopped without an order") },
     }
 }

@@ -224,9 +224,9 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
     /// Reports an activity whose states can complete, so that the activity ends without one of its outcomes.
     fn check_outcomes(&mut self, chart: &StateChart, span: Span) {
         if !self.interface.outcomes.is_empty() && chart.completes() {
-            let message = "the states of this activity can complete, and then it ends without an outcome";
+            let message = "the states of this activity can complete without an outcome";
             let diagnostic = Diagnostic::new(Code::E0902, span, message);
-            self.report(diagnostic.help("lead to `-> done(OUTCOME)` instead of a `final state`"));
+            self.report(diagnostic.help("write a transition `-> done(OUTCOME)` instead of a `final state`"));
         }
     }
 
@@ -235,7 +235,8 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
         let Some(token) = port.token(Number) else { return QUEUE };
         let count = token.text().replace('_', "").parse::<usize>().ok();
         count.filter(|count| (1..=QUEUE_MAX).contains(count)).unwrap_or_else(|| {
-            let message = format!("`{}` is not how many messages may wait, from 1 to {QUEUE_MAX}", token.text());
+            let message =
+                format!("`{}` is not a number of waiting messages, which is from 1 to {QUEUE_MAX}", token.text());
             self.report(Diagnostic::new(Code::E0009, token.span(), message));
             QUEUE
         })

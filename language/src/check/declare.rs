@@ -146,7 +146,7 @@ impl ItemCollector<'_> {
     fn add_type(&mut self, named: NamedType) {
         let Name { text, span } = named.name.clone();
         if unit::is_type(&text) {
-            let message = format!("`{text}` is a type of the language");
+            let message = format!("`{text}` is already a type of the language");
             self.diagnostics.push(Diagnostic::new(Code::E0110, span, message).help("choose another name"));
             return;
         }

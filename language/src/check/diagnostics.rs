@@ -93,8 +93,10 @@ impl Diagnostics {
         self.replicated = self.replicated.saturating_add(count);
         let is_within = self.replicated <= REPLICATED_MAX;
         if was_within && !is_within {
-            let message = format!("more than {REPLICATED_MAX} instances and connections are written out");
-            self.push(Diagnostic::new(Code::E0701, span, message).help("replicate less, or split the spec"));
+            let message = format!("arrays and ranges make more than {REPLICATED_MAX} instances and connections");
+            self.push(
+                Diagnostic::new(Code::E0701, span, message).help("use smaller arrays and ranges, or split the spec"),
+            );
         }
         is_within
     }

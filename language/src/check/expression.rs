@@ -57,9 +57,9 @@ impl Group<'_> {
     fn may_grow(&mut self, span: Span) -> bool {
         self.size += 1;
         if self.size == EXPRESSION_MAX {
-            let message = format!("the event actions come to more than {EXPRESSION_MAX} operators");
+            let message = format!("the event actions have more than {EXPRESSION_MAX} operators");
             let diagnostic = Diagnostic::new(Code::E0701, span, message).label("this is one too many");
-            self.diagnostics().push(diagnostic.help("replicate less, or split the group"));
+            self.diagnostics().push(diagnostic.help("use smaller arrays and ranges, or split the group"));
         }
         !self.is_full()
     }
@@ -356,7 +356,8 @@ fn start_value(node: &Node, group: &mut Group<'_>) -> Option<StartValue> {
     match variable {
         Some((Some(number), name)) => Some(StartValue::Kept(number, name)),
         Some((None, name)) => {
-            let message = format!("`{}` is a number here, and a program would not know how to read it", name.text);
+            let message =
+                format!("`{}` is a number of this activity, so a program cannot start with its value", name.text);
             group.diagnostics().push(Diagnostic::new(Code::E0904, name.span, message));
             None
         }
@@ -366,7 +367,7 @@ fn start_value(node: &Node, group: &mut Group<'_>) -> Option<StartValue> {
 
 fn retry(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let mut parts = parts(node, group);
-    let expected = Expected::new(0..=RETRY_MAX, format!("how many times to try again, at most {RETRY_MAX}"));
+    let expected = Expected::new(0..=RETRY_MAX, format!("the number of further tries, at most {RETRY_MAX}"));
     let times = expected.read(&node.child(SyntaxKind::Count)?, &mut group.reader())?;
     let pause = match node.child(Constant) {
         Some(pause) => Some(group.reader().duration(&pause)?),
@@ -439,11 +440,11 @@ fn activated(name: &Name, slot: usize, labels: &[Name], group: &mut Group<'_>) -
         }
     }
     if labels.is_empty() && !owned.labelled.is_empty() && !group.damage.actions {
-        let message = format!("`{}` runs with none of its connection sets", name.text);
+        let message = format!("`{}` runs without any of its connection sets", name.text);
         let mut diagnostic = Diagnostic::new(Code::W0304, name.span, message);
         for label in owned.first.iter().filter_map(label_of) {
-            diagnostic =
-                diagnostic.reason(label.span, format!("write `{}[{}]` to open this one", name.text, label.text));
+            diagnostic = diagnostic
+                .reason(label.span, format!("write `{}[{}]` to open this connection set", name.text, label.text));
         }
         group.diagnostics().push(diagnostic);
     }

@@ -17,11 +17,11 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
             let Target::Module(module) = instance.target else { continue };
             let Some(host) = spec.modules[module].host else { continue };
             let (name, kind) = (&instance.name.text, &spec.modules[module].name.text);
-            let message = format!("`{name}` names no host: it runs on that of `{}`", process.name.text);
-            let found =
-                Diagnostic::new(Code::W0105, instance.name.span, message).reason(host, format!("`{kind}` wants one"));
+            let message = format!("`{name}` names no host, so it runs on the host of `{}`", process.name.text);
+            let found = Diagnostic::new(Code::W0105, instance.name.span, message)
+                .reason(host, format!("`{kind}` needs a host"));
             diagnostics
-                .push(found.help(format!("write `{name} instof {kind}(c1)`, its other arguments behind the host")));
+                .push(found.help(format!("write `{name} instof {kind}(c1)`, with any other arguments after the host")));
         }
     }
 }

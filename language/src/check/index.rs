@@ -54,9 +54,10 @@ pub(super) fn name(node: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> 
 }
 
 pub(super) fn without_index(name: &Name, count: usize) -> Diagnostic {
-    let message = format!("`{}` is an array of {count} instances", name.text);
+    let message = format!("`{}` is an array of {count} instances and needs an index here", name.text);
     let diagnostic = Diagnostic::new(Code::E0203, name.span, message);
-    diagnostic.help(format!("write `{0}[0]` for one, `all i in 0..{count} ({0}[i])` for all", name.text))
+    diagnostic
+        .help(format!("write `{0}[0]` for one instance, `all i in 0..{count} ({0}[i])` for all instances", name.text))
 }
 
 /// Reports a name that is similar to the name of an array. Returns whether there is such an array.
@@ -77,7 +78,7 @@ pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bind
             return None;
         }
         if is_exact || names.means_one(&name.text) {
-            let message = format!("`{}` is one instance, no array", name.text);
+            let message = format!("`{}` is a single instance, not an array", name.text);
             names.diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
             return None;
         }
@@ -86,8 +87,8 @@ pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bind
     };
     let value = known(index, bindings, names.diagnostics)?;
     if value >= count {
-        let message = format!("`{}` has {count} instances, so there is none at {value}", name.text);
-        names.diagnostics.push(Diagnostic::new(Code::E0203, index.span(), message).help("the first one is at 0"));
+        let message = format!("`{}` has {count} instances, and no instance with the index {value}", name.text);
+        names.diagnostics.push(Diagnostic::new(Code::E0203, index.span(), message).help("the first index is 0"));
         return None;
     }
     Some(Name { text: element(&name.text, value), span: name.span })

@@ -88,8 +88,11 @@ pub(super) fn lower(
 /// it is expanded.
 fn too_large(process: &Process) -> Option<Diagnostic> {
     let actions = process.actions.as_ref().filter(|actions| expression::size(actions) > EXPRESSION_MAX)?;
-    let message = format!("the event actions of `{}` come to more than {EXPRESSION_MAX} operators", process.name.text);
-    Some(Diagnostic::new(Code::E0701, actions.span, message).help("try again fewer times"))
+    let message = format!(
+        "the event actions of `{}` have more than {EXPRESSION_MAX} operators when all tries of each `retry` are written out",
+        process.name.text
+    );
+    Some(Diagnostic::new(Code::E0701, actions.span, message).help("use smaller numbers in `retry`"))
 }
 
 /// Returns an error for an operator that the parser accepts and the checker does not support. Text that could not be
@@ -171,11 +174,11 @@ fn report_unused(
     let slots: BTreeSet<usize> = ports.iter().map(|&(slot, _)| slot).collect();
     let mut diagnostic = Diagnostic::new(code, source.name.span, message);
     for slot in slots {
-        let reason = if is_input { "has unconnected inputs" } else { "calls what is not connected" };
+        let reason = if is_input { "has unconnected inputs" } else { "has calls without a connection" };
         diagnostic = diagnostic.reason(name(slot).span, reason);
     }
     if !is_input {
-        diagnostic = diagnostic.help("connect it to a process that answers: `client, Grip -> server, Grip;`");
+        diagnostic = diagnostic.help("connect each call to a process that answers: `client, Grip -> server, Grip;`");
     }
     diagnostics.push(diagnostic);
 }

@@ -77,7 +77,7 @@ impl OutsideEnd {
     fn misfit(&self, name: &Name, port: &Port, error: impl Fn(String) -> Diagnostic) -> Option<Diagnostic> {
         let Self { direction, what, not_called } = self;
         if port.call.is_some() {
-            return Some(error(format!("`{}` is for calls, and {not_called}", name.text)));
+            return Some(error(format!("`{}` is a port for calls; {not_called}", name.text)));
         }
         if port.direction == *direction {
             return None;
@@ -135,9 +135,10 @@ impl<'a> Ports<'a> {
             self.check_connection(connection);
             if let Some(owner) = set.owner.filter(|&owner| owner != from.slot && owner != to.slot) {
                 let owner = &self.process.instances[owner].name.text;
-                let message = format!("the connection is in a set of `{owner}` but does not touch it");
+                let message =
+                    format!("the connection is in a set of `{owner}`, but neither end is a port of `{owner}`");
                 let diagnostic = Diagnostic::new(Code::W0305, connection.span, message);
-                self.diagnostics.push(diagnostic.help(format!("it is open only while `{owner}` runs")));
+                self.diagnostics.push(diagnostic.help(format!("the connection is open only while `{owner}` runs")));
             }
         }
     }
@@ -295,10 +296,11 @@ fn check_types(spec: &Spec, connection: &Connection, from: &Typed<'_>, to: &Type
         }
         TypeMatch::OnlyByName(one, other) => {
             let (one, other) = (&spec.types[one], &spec.types[other]);
-            let message = format!("`{from_name}` sends another {sent} than `{to_name}` takes");
+            let message =
+                format!("`{from_name}` sends a {sent}, but the {sent} that `{to_name}` takes has other fields");
             let diagnostic = Diagnostic::new(Code::E0306, connection.span, message);
-            let diagnostic = diagnostic.reason(one.name.span, format!("what is sent: {}", one.kind));
-            let diagnostic = diagnostic.reason(other.name.span, format!("what is taken: {}", other.kind));
+            let diagnostic = diagnostic.reason(one.name.span, format!("the sent type: {}", one.kind));
+            let diagnostic = diagnostic.reason(other.name.span, format!("the expected type: {}", other.kind));
             Some(diagnostic.help("values are sent field by field: declare the same fields, in the same order"))
         }
     }

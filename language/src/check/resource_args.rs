@@ -117,9 +117,10 @@ impl ResourceArgs<'_> {
             match place(arg, &self.resources, &process.params) {
                 Some(resource) if !known.insert(resource) => {
                     let name = &process.resources[resource].text;
-                    let message = format!("`{name}` is handed to `{}` twice, under two names", instance.name.text);
+                    let message = format!("`{name}` is given to `{}` twice, under two names", instance.name.text);
                     let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
-                    diagnostics.push(diagnostic.reason(param.name.span, "declared here").help("hand it on once"));
+                    diagnostics
+                        .push(diagnostic.reason(param.name.span, "declared here").help("give the resource only once"));
                 }
                 Some(resource) => held.push(Held { resource, inside: param.name.text.clone() }),
                 None => {
@@ -149,7 +150,7 @@ impl ResourceArgs<'_> {
             ValueKind::Param(index) => {
                 let outer = process.params.get(*index)?;
                 let (name, other) = (&param.name.text, &outer.name.text);
-                let message = format!("`{name}` has to be a {RESOURCE}, and `{other}` is not declared as one");
+                let message = format!("`{name}` has to be a {RESOURCE}, but `{other}` is not declared as a {RESOURCE}");
                 let diagnostic = Diagnostic::new(Code::E0213, span, message).reason(outer.name.span, "declared here");
                 Some(
                     diagnostic
@@ -168,15 +169,17 @@ fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
     let names = |param: &Param| param.kind.as_ref().is_some_and(|kind| kind.name() == Some(RESOURCE));
     let modules = spec.modules.iter().flat_map(Module::declared);
     for param in modules.chain(spec.fields()).filter(|param| names(param)) {
-        let message = format!("`{}` cannot be a {RESOURCE}: only a group takes one", param.name.text);
+        let message = format!("`{}` cannot be a {RESOURCE}: only a group can have such a parameter", param.name.text);
         let diagnostic = Diagnostic::new(Code::E0213, param.name.span, message);
-        found.push(diagnostic.help("where the program is run, write `using(arm) program`"));
+        found.push(diagnostic.help("write `using(arm) program` where the program is run"));
     }
     for param in spec.processes.iter().flat_map(|process| &process.params).filter(|param| names(param)) {
         let name = &param.name.text;
         let message = match (&param.default, param.is_resource()) {
             (None, true) => continue,
-            (Some(_), true) => format!("`{name}` is a {RESOURCE}, which has no default: it is handed to each group"),
+            (Some(_), true) => {
+                format!("`{name}` is a {RESOURCE}, which cannot have a default: each instance is given a resource")
+            }
             (_, false) => format!("`{name}` has to be `{name}: {RESOURCE}`: each resource is a parameter of its own"),
         };
         found.push(Diagnostic::new(Code::E0213, param.name.span, message));

@@ -102,10 +102,10 @@ fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
         return None;
     }
     let (name, kind) = (&instance.name.text, &module.name.text);
-    let message = format!("`{name}` would be started again without what `{kind}` remembers");
-    let found = Diagnostic::new(Code::E0112, span, message).label("it would go on as if it had just begun");
+    let message = format!("a restart of `{name}` would lose the state that `{kind}` remembers");
+    let found = Diagnostic::new(Code::E0112, span, message).label("the new program would begin without this state");
     let help = format!(
-        "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins again as a whole"
+        "remove `restart`: when `{name}` dies, the expression that runs it aborts, and `retry(2) (...)` restarts the expression as a whole"
     );
     Some(found.help(help).choose(span, "temporary"))
 }
@@ -117,11 +117,11 @@ fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let why = if module.kind == LeafKind::Plain {
         "it is a plain program, which has no connections to take over".to_owned()
     } else if !module.is_service {
-        format!("`{}` is not a service, and both could come to its end", module.name.text)
+        format!("`{}` is not a service, and both programs could end the process", module.name.text)
     } else if let Some(claim) = module.claims.first() {
-        format!("`{}` claims `{}`, and both would use it", module.name.text, claim.name.text)
+        format!("`{}` claims `{}`, and both programs would use this device", module.name.text, claim.name.text)
     } else if let Some(port) = module.ports.iter().find(is_called) {
-        format!("others call its `{}`, and both would answer", port.name.text)
+        format!("other processes call its `{}`, and both programs would answer", port.name.text)
     } else {
         return None;
     };
@@ -132,7 +132,9 @@ fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
 pub(super) fn no_overlap(span: Span, name: &str, why: &str) -> Diagnostic {
     let message = format!("two programs of `{name}` cannot overlap: {why}");
     let found = Diagnostic::new(Code::E0115, span, message);
-    found.help("without `replace overlap` it is ended before the next one is started").choose(span, "break_before_make")
+    found
+        .help("without `replace overlap`, the old program is ended before the new program is started")
+        .choose(span, "break_before_make")
 }
 
 /// Reports a back-off for a program that is never started again.
@@ -146,12 +148,12 @@ fn check_backoff(module: Option<&Module>, group: &Process, instance: &Instance) 
     if is_restarted {
         return None;
     }
-    let message = format!("`{}` is never started again, so it has no back-off", instance.name.text);
+    let message = format!("`{}` is never restarted, so it cannot have a `backoff`", instance.name.text);
     let found = Diagnostic::new(Code::E0113, span, message);
     Some(match (policies.restart, remembers) {
-        (Some(_), _) => found.help("leave `backoff` away, or write `restart transient` or `restart permanent`"),
-        (None, true) => found.help("its type `remembers`, so it may not be started again alone: leave `backoff` away"),
-        (None, false) => found.help("write `restart transient` beside it"),
+        (Some(_), _) => found.help("remove `backoff`, or write `restart transient` or `restart permanent`"),
+        (None, true) => found.help("its type `remembers`, so the program may not be restarted alone: remove `backoff`"),
+        (None, false) => found.help("add `restart transient`"),
     })
 }
 
@@ -242,7 +244,7 @@ impl<'a> Call<'a> {
         }
         let message = match missing {
             None => format!("`{kind}` takes {}, not {positional}", count(params.len())),
-            Some(missing) => format!("`{kind}` lacks a value for {missing}"),
+            Some(missing) => format!("`{kind}` needs a value for {missing}"),
         };
         let mut diagnostic = Diagnostic::new(Code::E0210, self.span, message);
         if let (Some(first), Some(last)) = (params.first(), params.last()) {
@@ -251,7 +253,7 @@ impl<'a> Call<'a> {
         }
         if self.is_one_short_for_its_host {
             diagnostic = diagnostic.help(format!(
-                "the first argument of a module is its host, and none of its parameters unless that is `{}: Host`",
+                "the first argument of a module is its host; it is the value of the first parameter only if this parameter is `{}: Host`",
                 params[0].name.text
             ));
         }
@@ -320,7 +322,11 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> 
             let open = process.params.iter().filter(is_open);
             let open: Vec<String> = open.map(|param| format!("`{}`", param.name.text)).collect();
             if !open.is_empty() {
-                let verb = if open.len() == 1 { "stands for itself" } else { "stand for themselves" };
+                let verb = if open.len() == 1 {
+                    "has no value, so its name is the value"
+                } else {
+                    "have no values, so their names are the values"
+                };
                 diagnostic = diagnostic.help(format!("{} {verb}", open.join(", ")));
             }
             diagnostics.push(diagnostic);
@@ -339,7 +345,7 @@ fn open(process: &Process) -> Option<Diagnostic> {
     let names = listed(process.open.iter().map(|param| param.text.as_str()));
     let message = format!("`{name}` is the root, so no group gives a value to {names}");
     let diagnostic = Diagnostic::new(Code::E0210, first.span, message).label("decides the shape of the group");
-    let help = format!("give each a default: `{} = ...`", first.text);
+    let help = format!("give each parameter a default: `{} = ...`", first.text);
     Some(diagnostic.help(help))
 }
 

@@ -92,9 +92,9 @@ impl Reader<'_> {
         let inner = if let ValueKind::List(values) = &value.kind { values.as_slice() } else { &[] };
         let nested = inner.iter().find(|value| matches!(value.kind, ValueKind::List(_)));
         let diagnostic = match nested {
-            Some(nested) => Diagnostic::new(Code::E0006, nested.span, "a list in a list"),
+            Some(nested) => Diagnostic::new(Code::E0006, nested.span, "a list cannot contain a list"),
             None if value.fields() > FIELDS_MAX => {
-                let message = format!("more than {FIELDS_MAX} values, with those of the records in it");
+                let message = format!("more than {FIELDS_MAX} values, including the values of the records in it");
                 Diagnostic::new(Code::E0702, value.span, message)
             }
             None => return value,
@@ -110,8 +110,9 @@ impl Reader<'_> {
         let list = self.scope.consts.get(&name.text).filter(|named| named.is_list);
         let Some(list) = list else {
             let message = format!("`{}` is not a list", name.text);
-            self.diagnostics
-                .push(Diagnostic::new(Code::E0203, name.span, message).help("name one: `const hosts = [c1, c2];`"));
+            self.diagnostics.push(
+                Diagnostic::new(Code::E0203, name.span, message).help("declare a list: `const hosts = [c1, c2];`"),
+            );
             return broken;
         };
         let Some(place) = index::known(index, self.scope.indices, self.diagnostics).filter(|_| !list.is_broken())
@@ -121,9 +122,10 @@ impl Reader<'_> {
         match list.values.get(place) {
             Some(value) => Value { span, ..value.clone() },
             None => {
-                let message = format!("`{}` has {} values, so there is none at {place}", name.text, list.values.len());
+                let message =
+                    format!("`{}` has {} values, and no value with the index {place}", name.text, list.values.len());
                 let diagnostic = Diagnostic::new(Code::E0203, span, message).reason(list.name.span, "declared here");
-                self.diagnostics.push(diagnostic.help("the first one is at 0"));
+                self.diagnostics.push(diagnostic.help("the first index is 0"));
                 broken
             }
         }
@@ -151,10 +153,10 @@ impl Reader<'_> {
         let params = scope.params.iter().map(|param| param.name.text.as_str());
         let consts = scope.consts.keys().map(String::as_str);
         if let Some(near) = self.diagnostics.near(&name.text, params.chain(consts)) {
-            let message = format!("`{}` is not a parameter: it stands for itself", name.text);
+            let message = format!("`{}` is not a parameter, so the name itself is the value", name.text);
             let diagnostic =
                 Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{}`?", near.name));
-            self.diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));
+            self.diagnostics.push(diagnostic.help(format!("if a text is meant, write `\"{}\"`", name.text)));
         }
         value(ValueKind::Constant(Constant::Text(name.text.clone())))
     }
@@ -178,7 +180,7 @@ impl Reader<'_> {
         };
         if dimension != Some(Dimension::TIME) || !(0.0..=SECONDS_MAX).contains(&seconds) {
             let is_long = dimension == Some(Dimension::TIME) && seconds > SECONDS_MAX;
-            let why = if is_long { "is longer than any time here" } else { "is not a time" };
+            let why = if is_long { "is too long for a time" } else { "is not a time" };
             let help = match is_long {
                 true => format!("the longest time is {SECONDS_MAX} s"),
                 false => "a time has a unit, and is not negative: `5 s`, `20 ms`".to_owned(),
@@ -224,8 +226,9 @@ fn warn_of_lost_digits(text: &str, value: f64, span: Span, diagnostics: &mut Dia
     let is_whole = text.bytes().all(|byte| byte.is_ascii_digit());
     let (digits, kept) = (text.trim_start_matches('0'), format!("{value:.0}"));
     if is_whole && !digits.is_empty() && digits != kept {
-        let diagnostic = Diagnostic::new(Code::W0012, span, format!("a number keeps fewer digits: this is {kept}"));
-        diagnostics.push(diagnostic.help(format!("a text keeps all of them: `\"{text}\"`")));
+        let diagnostic =
+            Diagnostic::new(Code::W0012, span, format!("a number cannot keep so many digits; it becomes {kept}"));
+        diagnostics.push(diagnostic.help(format!("to keep all digits, write a text: `\"{text}\"`")));
     }
 }
 
@@ -236,7 +239,7 @@ fn report_unknown_unit(first: &Name, per: Option<&Name>, diagnostics: &mut Diagn
     let diagnostic = match diagnostics.near(&wrong.text, unit::symbols()) {
         Some(near) => diagnostic.label(format!("did you mean `{}`?", near.name)),
         None => {
-            diagnostic.help("units are those of `s`, `m`, `rad`, `Hz`, `N`, `kg`, `A`, `V`, `B` and their multiples")
+            diagnostic.help("the known units are `s`, `m`, `rad`, `Hz`, `N`, `kg`, `A`, `V`, `B` and their multiples")
         }
     };
     diagnostics.push(diagnostic);

@@ -16,7 +16,7 @@ const NAME_MAX: usize = 200;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RenameError {
     /// That place has no declared name.
-    #[error("there is nothing here that has a name of its own")]
+    #[error("this place has no name that can be changed")]
     Nameless,
     /// The name is declared in the interface of a program.
     #[error("`{name}` is declared by the program {program}: rename it there")]

@@ -123,7 +123,7 @@ impl Plan {
         plan.claims.retain(|claim| !theirs.contains(&claim.leaf));
         plan.claims.extend(next.claims.into_iter().filter(|claim| theirs.contains(&claim.leaf)));
         if difference(self, &plan)?.changes.is_empty() {
-            return Err(vec![format!("no program of `{}` on `{host}` is another one in this spec", self.name)]);
+            return Err(vec![format!("this spec changes no program of `{}` on `{host}`", self.name)]);
         }
         Ok(plan)
     }
@@ -367,7 +367,7 @@ module Sink(host) { in In: Number; done; claims leg; }
         assert_eq!(lines(&running, &part), ["replace    main/b: `way` is \"best\", was \"good\""]);
         let rest = ["replace    main/a: `rate` is 2, was 1", "act        main: its event actions"];
         assert_eq!(lines(&part, &wanted), rest);
-        let why = "no program of `spec` on `c3` is another one in this spec";
+        let why = "this spec changes no program of `spec` on `c3`";
         assert_eq!(running.changed_on(&wanted, "c3"), Err(vec![why.to_owned()]));
     }
 }

@@ -190,7 +190,7 @@ fn elsewhere(before: &Leaf, after: &Leaf, is_added: bool) -> Option<String> {
     }
     let name = after.as_ref().or(before.as_ref())?;
     Some(format!(
-        "`{path}` stands for {name}: what another deployment runs is looked for while this one is prepared, and not later"
+        "`{path}` stands for {name}: processes of another deployment are searched only while this deployment is prepared, not during a change"
     ))
 }
 
@@ -263,10 +263,7 @@ fn obstacle_of_order(running: &Plan, before: &Group, after: &Group) -> Option<St
         && new.iter().take(kept.len()).eq(kept.iter().copied());
     let home = running.name.as_str();
     (counts && !is_same).then(|| {
-        format!(
-            "the processes of `{}` stand in another order, which `rest_for_one` goes by; stop `{home}` first",
-            before.path
-        )
+        format!("the processes of `{}` have another order, which `rest_for_one` uses; stop `{home}` first", before.path)
     })
 }
 

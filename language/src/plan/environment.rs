@@ -66,7 +66,7 @@ pub fn value_problem(value: &str) -> Option<String> {
 pub fn pattern_problem(pattern: &str) -> Option<String> {
     let begin = pattern.strip_suffix('*').unwrap_or(pattern);
     (!is_name(begin))
-        .then(|| format!("`{pattern}` is neither the name of a variable nor how names begin, such as `ROS_*`"))
+        .then(|| format!("`{pattern}` is neither the name of a variable nor a beginning of names, such as `ROS_*`"))
 }
 
 /// Says why a program cannot run in a folder.

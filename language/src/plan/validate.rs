@@ -24,7 +24,7 @@ pub enum PlanError {
         limit: usize,
     },
     /// An index points nowhere.
-    #[error("`{place}` points to {what} {index}, which is not there")]
+    #[error("`{place}` points to {what} {index}, which does not exist")]
     Index {
         /// Path of the group or leaf, or the wire.
         place: String,
@@ -77,7 +77,7 @@ pub enum PlanError {
         path: String,
     },
     /// Variables or a folder that no program can have.
-    #[error("the environment of `{path}` cannot be: {problem}")]
+    #[error("the environment of `{path}` is not possible: {problem}")]
     Environment {
         /// Path of the leaf.
         path: String,
@@ -419,13 +419,16 @@ mod tests {
             |plan| plan.leaves[0].policy.backoff = Some(Backoff { first, longest: first }),
             "the back-off of `main/left/a` is not from 10 ms to 1 h",
         );
-        check(|plan| plan.leaves[0].host = 7, "`main/left/a` points to host 7, which is not there");
-        check(|plan| plan.wires[0].to.leaf = 9, "`wire at port In` points to leaf 9, which is not there");
-        check(|plan| plan.groups[1].sets[0].wires.push(5), "`main/left` points to wire 5, which is not there");
-        check(|plan| plan.groups[1].sets_always.push(5), "`main/left` points to connection set 5, which is not there");
+        check(|plan| plan.leaves[0].host = 7, "`main/left/a` points to host 7, which does not exist");
+        check(|plan| plan.wires[0].to.leaf = 9, "`wire at port In` points to leaf 9, which does not exist");
+        check(|plan| plan.groups[1].sets[0].wires.push(5), "`main/left` points to wire 5, which does not exist");
+        check(
+            |plan| plan.groups[1].sets_always.push(5),
+            "`main/left` points to connection set 5, which does not exist",
+        );
         check(
             |plan| plan.groups[0].members[0].kind = MemberKind::Group(8),
-            "`main/left` points to group 8, which is not there",
+            "`main/left` points to group 8, which does not exist",
         );
         check(
             |plan| plan.groups[2].members[0].kind = MemberKind::Leaf(0),
@@ -435,14 +438,14 @@ mod tests {
             |plan| plan.groups[1].members[0].kind = MemberKind::Group(0),
             "`main/left/a` is not a member of exactly one group below `main`",
         );
-        check(|plan| drop(plan.groups[0].members.pop()), "`main` points to member 1, which is not there");
+        check(|plan| drop(plan.groups[0].members.pop()), "`main` points to member 1, which does not exist");
     }
 
     #[test]
     fn each_broken_expression_is_named() {
         check(
             |plan| plan.groups[0].expression = Expression::Run { member: 2, sets: vec![] },
-            "`main` points to member 2, which is not there",
+            "`main` points to member 2, which does not exist",
         );
         check(
             |plan| plan.groups[0].expression = Expression::AnyOf { count: 2, of: vec![Expression::Skip] },

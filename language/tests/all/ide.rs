@@ -388,7 +388,7 @@ fn names_change_everywhere_or_nowhere() {
         "`Camera` is declared by the program programs: rename it there",
     );
     renames("process ma$0in() {}", "other", "`main` is where a deployment starts, so its name stays");
-    renames("process main() { host{c$01} }", "c2", "there is nothing here that has a name of its own");
+    renames("process main() { host{c$01} }", "c2", "this place has no name that can be changed");
 }
 
 /// A parameter that decides the shape of its group, in every place where it can.

@@ -104,6 +104,6 @@ fn a_running_process_keeps_the_value_that_it_started_with() {
         carry((&old, &state), &next, &BTreeSet::new()).map(|_| ()).map_err(|misfit| misfit.why)
     };
     assert_eq!(carried("go with shelf ; turn with 10 deg"), Ok(()));
-    assert_eq!(carried("go with { x = 1 m, y = 1 m } ; turn with 90 deg"), Err("it has started with another value"));
+    assert_eq!(carried("go with { x = 1 m, y = 1 m } ; turn with 90 deg"), Err("it was started with another value"));
     assert!(carried("go ; turn with 90 deg").is_err());
 }

@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     /// Open this node, which is in no team, to everybody on the local network: anyone there can start programs
     #[arg(long, visible_alias = "lan")]
     pub(super) insecure_lan: bool,
-    /// The TCP port to listen on, of a node in a team or with `--insecure-lan` [default: any that is free]
+    /// The TCP port to listen on, of a node in a team or with `--insecure-lan` [default: any free port]
     #[arg(long, default_value_t = 0, hide_default_value = true)]
     pub(super) port: u16,
     /// A node known beforehand, for networks without multicast; may be given more than once
@@ -107,10 +107,10 @@ fn inherited(text: &str) -> Result<String, String> {
 
 /// Reads the address at which another node can be dialled.
 fn peer(text: &str) -> Result<String, &'static str> {
-    let place = text.strip_prefix("tcp/").ok_or("it begins with `tcp/`")?;
-    let (host, port) = place.rsplit_once(':').ok_or("it ends in `:` and a port")?;
+    let place = text.strip_prefix("tcp/").ok_or("it must begin with `tcp/`")?;
+    let (host, port) = place.rsplit_once(':').ok_or("it must end in `:` and a port")?;
     if !port.parse::<u16>().is_ok_and(|port| port > 0) {
-        return Err("the port is a number from 1 to 65535");
+        return Err("the port must be a number from 1 to 65535");
     }
     let is_v6 = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
     let is_address = match is_v6 {
@@ -121,7 +121,7 @@ fn peer(text: &str) -> Result<String, &'static str> {
         }
         None => !host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || "-._".contains(c)),
     };
-    if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
+    if is_address { Ok(text.to_owned()) } else { Err("the address must be a name, `10.0.0.7` or `[fd00::7]`") }
 }
 
 /// Returns whether a network interface can have this name. Characters that have a meaning in zenoh's locators are not
@@ -134,13 +134,13 @@ fn is_interface(name: &str) -> bool {
 /// Reads a name for a boot of the machine.
 fn boot_id(text: &str) -> Result<String, &'static str> {
     let is_one = (1..=BOOT_ID_MAX).contains(&text.len()) && text.chars().all(|c| c.is_ascii_graphic());
-    is_one.then(|| text.to_owned()).ok_or("it has 1 to 128 visible ASCII characters")
+    is_one.then(|| text.to_owned()).ok_or("it must have 1 to 128 visible ASCII characters")
 }
 
 /// Reads a time in seconds.
 fn seconds(text: &str) -> Result<Duration, &'static str> {
     let seconds = text.parse().ok().filter(|seconds| (0.0..=SECONDS_MAX).contains(seconds));
-    seconds.map(Duration::from_secs_f64).ok_or("it is a number of seconds from 0 to 86400")
+    seconds.map(Duration::from_secs_f64).ok_or("it must be a number of seconds from 0 to 86400")
 }
 
 #[cfg(test)]

@@ -54,7 +54,10 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     }
     if !executable.is_file() {
         let path = executable.display();
-        return Err(anyhow!("the executable of this command was removed meanwhile: `{path}`; run the new one").into());
+        return Err(anyhow!(
+            "the executable of this command was removed in the meantime: `{path}`; run the new executable"
+        )
+        .into());
     }
     let command: Vec<String> = std::iter::once(executable.display().to_string()).chain(install.node.words()).collect();
     if let Some(word) = command.iter().chain(&install.user).find(|word| word.contains(char::is_control)) {
@@ -83,14 +86,16 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     console::say(&match written {
         Written::New => format!("wrote `{path}`; to start the node now and at each boot:\n{command}"),
         Written::Again => format!(
-            "wrote `{path}` again; to start the node so, while its programs go on:\nsystemctl daemon-reload\n\
+            "wrote `{path}` again; to start the node with it while its programs continue:\nsystemctl daemon-reload\n\
              systemctl kill --signal=KILL dca-node"
         ),
         Written::Other => format!(
-            "wrote `{path}` again, for a node that takes over nothing of the one before (another name, user or folder); to stop \
-             what that one runs, and start this one:\nsystemctl daemon-reload\nsystemctl restart dca-node"
+            "wrote `{path}` again, for a node that takes over nothing of the previous node (another name, user or folder); to stop \
+             the programs of the previous node, and start this node:\nsystemctl daemon-reload\nsystemctl restart dca-node"
         ),
-        Written::Same => format!("`{path}` is so already; to start the node now and at each boot:\n{command}"),
+        Written::Same => {
+            format!("`{path}` already has this content; to start the node now and at each boot:\n{command}")
+        }
     });
     Ok(())
 }
@@ -125,7 +130,7 @@ fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Writte
     }
     anyhow::ensure!(
         is_forced || before.as_deref().is_none_or(unit_file::is_untouched),
-        "another program has changed `{}`; `--force` writes over it. What belongs to this machine alone is better kept in \
+        "another program has changed `{}`; `--force` writes over it. Keep settings of only this machine in \
          `systemctl edit dca-node`",
         path.display()
     );

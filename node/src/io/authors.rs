@@ -76,7 +76,7 @@ impl Authors {
     pub(crate) fn hear_refusal(&self, author: &Author, bytes: &[u8]) {
         let Ok(Refusal { by, why }) = codec::decode(bytes) else { return };
         if self.admits(author, &by) {
-            tracing::warn!(host = by, why, "another node has refused what this one has said");
+            tracing::warn!(host = by, why, "another node has refused a message of this node");
         }
     }
 }

@@ -17,9 +17,9 @@ use tokio::sync::mpsc::{self, Receiver, Sender};
 /// The most answers that wait for one caller.
 const ANSWERS_MAX: usize = 4096;
 /// The error of a caller that has not taken all answers.
-const SLOW: &str = "more came than were taken";
+const SLOW: &str = "more answers arrived than were taken";
 /// The error of a caller whose answers never got an end.
-const LEFT: &str = "the node went away from them";
+const LEFT: &str = "the node stopped sending answers";
 
 /// How the answers ended, once this is known.
 type End = Arc<OnceLock<Result<(), Cow<'static, str>>>>;

@@ -213,7 +213,7 @@ impl Handle {
     fn ask(&self, arrival: Arrival) {
         let refused = self.arrivals.try_send(arrival);
         if let Err(TrySendError::Full(Arrival::Call(.., Some(caller)) | Arrival::Elsewhere(.., caller))) = refused {
-            let why = "the database has too much to do; try again".to_owned();
+            let why = "the database is overloaded; try again".to_owned();
             caller.offer(Answer::Database(Reply::Refused(why)));
             caller.end();
         }
@@ -232,7 +232,7 @@ impl Handle {
     /// Adds an input that may be lost.
     fn offer(&self, arrival: Arrival) {
         if self.arrivals.try_send(arrival).is_err() {
-            tracing::debug!("the database has too much to do; a message of another replica is dropped");
+            tracing::debug!("the database is overloaded; a message of another replica is dropped");
         }
     }
 }
@@ -272,7 +272,7 @@ impl Worker {
                 Arrival::Envelope(..) => continue,
                 Arrival::Asked(request, envelope, author) => {
                     if !self.is_from(&envelope, &author) {
-                        request.refuse("it is not from whom it says");
+                        request.refuse("it is not from the sender that it names");
                         continue;
                     }
                     Input::Asked(self.receivers.ask(request), envelope)
@@ -401,10 +401,10 @@ fn words(error: &anyhow::Error) -> String {
     let text = format!("{error:#}");
     // The engine reports errors of the system in its own form.
     if text.contains("StorageFull") || text.contains("No space left") {
-        return "the disk that it is on is full; it goes on by itself when there is room again".to_owned();
+        return "the disk of the store is full; the database continues by itself when there is room again".to_owned();
     }
     if text.contains("ReadOnlyFilesystem") || text.contains("Read-only file system") {
-        return "the disk that it is on can only be read; it goes on by itself when it can be written again".to_owned();
+        return "the disk of the store is read-only; the database continues by itself when the disk can be written again".to_owned();
     }
     text
 }

@@ -72,7 +72,7 @@ impl EstopFile {
         drop(turn);
         written.map_err(|error| {
             let file = inner.path.display();
-            tracing::error!(%file, %error, "whether everything is stopped cannot be written down: the next start of this node may not know it");
+            tracing::error!(%file, %error, "cannot write down whether everything is stopped: the next start of this node may not know it");
             format!("`{file}`: {error}")
         })
     }

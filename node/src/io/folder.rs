@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
     /// Something else is in the place of the folder, or of one of its parents.
-    #[error("{}; choose another with `{option}`", no_folder(.file))]
+    #[error("{}; choose another folder with `{option}`", no_folder(.file))]
     File {
         /// The path of the other file.
         file: PathBuf,
@@ -18,7 +18,7 @@ pub enum FolderError {
         option: &'static str,
     },
     /// The system refuses to make the folder.
-    #[error("cannot make the folder `{path}`: {cause}; choose another with `{option}`")]
+    #[error("cannot make the folder `{path}`: {cause}; choose another folder with `{option}`")]
     Make {
         /// The path.
         path: PathBuf,

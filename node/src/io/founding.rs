@@ -29,7 +29,7 @@ pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
         clock::sleep_until(clock::now() + AGAIN_AFTER).await;
     }
     if let Err(error) = member.has_founded() {
-        tracing::warn!(%error, "the mark of the first node of a team stays; it means no more");
+        tracing::warn!(%error, "the mark of the first node of a team cannot be removed; it has no effect any more");
     }
 }
 
@@ -41,7 +41,7 @@ async fn found(database: &Handle) -> Result<(), String> {
         return Ok(());
     }
     let Reply::Done(said) = ask(database, Question::Found).await? else {
-        return Err("the database answers something else".to_owned());
+        return Err("unexpected answer from the database".to_owned());
     };
     tracing::info!(said, "the database of the team has begun");
     Ok(())

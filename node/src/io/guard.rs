@@ -38,7 +38,7 @@ impl Guard {
         let is_missed = || path.is_symlink() || audit::mentions(member.folder(), member.id(), "accepted\t");
         if !path.exists() && is_missed() {
             bail!(
-                "`{}` is not there, but the audit log says that this node has accepted requests: it is not known which were here before; \
+                "`{}` is missing, but the audit log says that this node has accepted requests: it is not known which requests were used before; \
                  take this node into its team again",
                 path.display()
             );
@@ -92,7 +92,7 @@ impl Guard {
         let mut ledger = self.0.ledger.lock().unwrap_or_else(PoisonError::into_inner);
         let written = ledger.keep(&self.0.gate);
         drop(ledger);
-        let why = written.err().map(|error| format!("that it was accepted cannot be written down: {error:#}"));
+        let why = written.err().map(|error| format!("the accepted request cannot be written down: {error:#}"));
         match why {
             None => {
                 self.record(attempt, Decision::Accepted, "");

@@ -110,7 +110,7 @@ impl Countersigning {
     fn put(&self, key: &str, head: Vec<u8>) {
         let sent = codec::encode(&AuditHead { from: self.host.clone(), head }).map_err(anyhow::Error::from);
         if let Err(error) = sent.and_then(|bytes| Ok(self.session.put_shown(key, bytes)?)) {
-            tracing::debug!(error = format!("{error:#}"), "where an audit log has come to was not told");
+            tracing::debug!(error = format!("{error:#}"), "the position of an audit log was not sent");
         }
     }
 
@@ -119,7 +119,7 @@ impl Countersigning {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let signed = blocking(move || {
             let head = Head::from_bytes(&head).context("it is not a head of an audit log")?;
-            member.countersign(&head, &name.context("its name is none")?)
+            member.countersign(&head, &name.context("its name is not valid")?)
         });
         match signed.await {
             Ok(head) => {
@@ -128,7 +128,7 @@ impl Countersigning {
             }
             // Any node on the way may have sent the message again.
             Err(error) if error.downcast_ref() == Some(&HeadError::Old) => {
-                tracing::debug!(host = from, "a head of an audit log has come again");
+                tracing::debug!(host = from, "an old head of an audit log was received again");
             }
             Err(error) => {
                 let why = format!("{error:#}");
@@ -148,7 +148,7 @@ impl Countersigning {
         let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let kept = blocking(move || {
             let head = Head::from_bytes(&head).context("it is not a head of an audit log")?;
-            member.keep_head(head, &name.context("its name is none")?)
+            member.keep_head(head, &name.context("its name is not valid")?)
         });
         if let Err(error) = kept.await {
             tracing::warn!(host = from, error = format!("{error:#}"), "a signed head of the audit log is not kept");

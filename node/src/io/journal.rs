@@ -72,13 +72,13 @@ impl Journal {
                 self.file = Some(file);
                 tracing::error!(
                     journal = %self.path.display(), aside = %aside.display(), %damage, epoch = self.epoch,
-                    "the journal is damaged and was put aside: epochs go on above this one; hosts that have not confirmed the end of an \
-                     earlier deployment are asked no more, `dca status` on them says what they still run"
+                    "the journal is damaged and was put aside: the next epochs are above this one; hosts that have not confirmed the end of an \
+                     earlier deployment are no longer asked, and `dca status` on them shows what they still run"
                 );
             }
             Err(error) => tracing::error!(
                 journal = %self.path.display(), %damage, %error,
-                "the journal is damaged and cannot be put aside: nothing is deployed from here before it is"
+                "the journal is damaged and cannot be put aside: this node deploys nothing until the journal was put aside"
             ),
         }
     }
@@ -208,7 +208,7 @@ impl Found {
         let (whole, torn) = text.rsplit_once('\n').map_or(("", &*text), |(whole, torn)| (whole, torn));
         let lines: Vec<Option<&str>> = whole.lines().map(body).collect();
         let damage = lines.iter().position(Option::is_none).map(|line| format!("its line {} cannot be read", line + 1));
-        let is_empty = whole.is_empty().then(|| "nothing is in it".to_owned());
+        let is_empty = whole.is_empty().then(|| "it is empty".to_owned());
         let bodies: Vec<&str> = lines.into_iter().flatten().collect();
         let epochs = bodies.iter().filter_map(|line| line.split_once(' ')?.0.parse::<u64>().ok());
         let epoch = epochs.max().unwrap_or(0).saturating_add(u64::from(!torn.is_empty()));

@@ -139,7 +139,7 @@ impl KeptFiles {
         let Err(error) = inner.write(&wanted, &mut disk) else { return Ok(()) };
         lock(&inner.wanted).again(wanted);
         let (state, why) = (inner.state.display(), format!("{error:#}"));
-        tracing::error!(%state, error = why, "what survives a reboot cannot be written down");
+        tracing::error!(%state, error = why, "cannot write down the state that survives a reboot");
         Err(why)
     }
 }
@@ -246,7 +246,7 @@ fn running(folder: &Path, boot: &str) -> Vec<Before> {
             Ok(_) => "it is damaged, or of another version".to_owned(),
             Err(error) => error.to_string(),
         };
-        tracing::error!(file = %path.display(), why, "what ran before cannot be read: it is not begun again");
+        tracing::error!(file = %path.display(), why, "the previous deployments cannot be read, so they are not started again");
         drop(std::fs::remove_file(&path));
     }
     found
@@ -259,7 +259,7 @@ fn tombstones(path: &Path, now: u64) -> BTreeMap<Tombstone, u64> {
         read => read.map(|bytes| content::<Vec<Stopped>>(&bytes)),
     };
     let Ok(Some(found)) = read else {
-        tracing::error!(file = %path.display(), "it cannot be read: homes that come back are not told what was stopped meanwhile");
+        tracing::error!(file = %path.display(), "the file cannot be read: homes that return are not told which deployments were stopped in the meantime");
         return BTreeMap::new();
     };
     // If the clock was set back, each tombstone counts as new.

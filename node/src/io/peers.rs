@@ -168,7 +168,7 @@ impl Peers {
                 Ok(sent?)
             });
             if let Err(error) = sent {
-                tracing::warn!(error = format!("{error:#}"), "cannot ask who is there");
+                tracing::warn!(error = format!("{error:#}"), "cannot ask for the nodes of the network");
             }
         }
     }
@@ -286,7 +286,7 @@ pub(super) struct Speaking {
 async fn answer_pings(mut pings: Subscription, Speaking { session, own, authors }: Speaking, sink: Sender<Arrival>) {
     while let Some((key, bytes, author)) = pings.next_signed().await {
         let Ok(Ping { from, boot, round }) = codec::decode(&bytes) else {
-            tracing::debug!("a node asks who is there in a way that cannot be read");
+            tracing::debug!("a question of a node for the nodes of the network cannot be read");
             continue;
         };
         let is_own = from == own.host && boot == own.boot;
@@ -343,7 +343,7 @@ async fn hear_namesakes(mut namesakes: Subscription, authors: Authors, own: Stri
                     return;
                 }
             }
-            Err(error) => tracing::debug!(%error, "a word of another node of this name cannot be read"),
+            Err(error) => tracing::debug!(%error, "a message of another node of this name cannot be read"),
         }
     }
 }
@@ -400,10 +400,10 @@ async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, sess
                 }
                 session.judge_again();
                 if let Err(error) = member.check() {
-                    tracing::error!(error = format!("{error:#}"), "the others of the team refuse this node");
+                    tracing::error!(error = format!("{error:#}"), "the other nodes of the team refuse this node");
                 }
                 if let Err(error) = session.put(&key::revoked(&own.host), member.revocations()) {
-                    tracing::warn!(%error, "cannot tell the others who is revoked");
+                    tracing::warn!(%error, "cannot tell the other nodes which keys are revoked");
                 }
             }
             told = revoked.next() => match told {

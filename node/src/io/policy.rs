@@ -69,7 +69,7 @@ fn read(path: &Path) -> anyhow::Result<Policy> {
     let found = file.metadata()?;
     let (owner, own) = (found.uid(), getuid().as_raw());
     ensure!(owner == 0 || owner == own, "it belongs to user {owner}, not to root or to the user of the node");
-    ensure!(found.mode() & 0o022 == 0, "others may write to it; `chmod go-w` it");
+    ensure!(found.mode() & 0o022 == 0, "other users may write to it; run `chmod go-w` on it");
     let text = String::from_utf8(file::bounded(file, POLICY_MAX)?).context("it is not UTF-8")?;
     let policy = Policy::parse(&text)?;
     if let (Some(user), Some(line)) = (policy.user(), policy.user_line()) {
@@ -259,7 +259,7 @@ impl ExecutionPolicy {
         let hash = hash_of(&file).with_context(failed)?;
         // If the file was written while it was read, the hash may not fit its content.
         let after = Stamp::of(&file.metadata().with_context(failed)?);
-        ensure!(after == stamp, "`{}` was changed while it was looked at", program.path.display());
+        ensure!(after == stamp, "`{}` was changed while it was checked", program.path.display());
         let mut hashes = self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner);
         if hashes.len() >= HASHES_MAX {
             hashes.pop_first();
@@ -401,9 +401,9 @@ mod tests {
             let error = format!("{:#}", find(Some(&folder)).unwrap_err());
             assert_eq!(error, format!("the policy `{}` cannot be used: {expected}", file.display()));
         };
-        check(0o622, "root = true", "others may write to it; `chmod go-w` it");
+        check(0o622, "root = true", "other users may write to it; run `chmod go-w` on it");
         check(0o600, "\nuser = \"nobody-here\"", "line 2: this machine has no user `nobody-here`");
-        check(0o600, "\npids = 0", "line 2: `0` is not allowed in `pids`: it is above 0");
+        check(0o600, "\npids = 0", "line 2: `0` is not allowed in `pids`: write a number above 0");
         fs::write(&file, "root = true").unwrap();
         assert_eq!(find(Some(&folder)).unwrap().unwrap().path, file);
         fs::remove_file(&file).unwrap();
@@ -444,7 +444,7 @@ mod tests {
         assert_eq!(admitted(&["package=a"]), Ok(()));
         for arguments in [&[&*setup("setup.bash")][..], &[&format!(" {}", setup("setup.bash"))]] {
             let refused = admitted(arguments).unwrap_err();
-            assert!(refused.contains("setup.bash` is in none of the folders of programs"), "{refused}");
+            assert!(refused.contains("setup.bash` is not in a folder of allowed programs"), "{refused}");
         }
         let unnamed = admitted(&["a", "b", "", &folder.join("setup.bash").display().to_string()]).unwrap_err();
         assert!(unnamed.contains("`a` has no name"), "{unnamed}");

@@ -169,7 +169,7 @@ impl ProgramDatabase {
         let value = match self.secrets.secret(key).await {
             Ok(secret) => SecretBytes::new(secret.expose().to_vec()),
             Err(error) => {
-                tracing::warn!(error = format!("{error:#}"), "a program goes on with a secret as it was");
+                tracing::warn!(error = format!("{error:#}"), "a program continues with the previous secret");
                 return true;
             }
         };

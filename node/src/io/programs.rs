@@ -39,7 +39,7 @@ pub enum ProgramsError {
         cause: io::Error,
     },
     /// The program ran, and failed.
-    #[error("`{program}` does not tell its interface: `{argument}` {status}")]
+    #[error("`{program}` did not print its interface: `{argument}` {status}")]
     Failed {
         /// The path of the program.
         program: PathBuf,
@@ -57,7 +57,7 @@ pub enum ProgramsError {
         argument: &'static str,
     },
     /// The program in Python of a module ran, and failed.
-    #[error("`{module}` does not tell its interface: `{command} {argument}` {status}{}", ends(.trouble))]
+    #[error("`{module}` did not print its interface: `{command} {argument}` {status}{}", ends(.trouble))]
     Python {
         /// The module.
         module: String,
@@ -71,7 +71,7 @@ pub enum ProgramsError {
         trouble: String,
     },
     /// The program runs but writes no answer.
-    #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
+    #[error("`{program}` did not print its interface: `{argument}` has no answer within {}", span(*.within))]
     Silent {
         /// The path of the program.
         program: PathBuf,

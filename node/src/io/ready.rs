@@ -22,7 +22,7 @@ pub(super) fn announce(peers: &Peers, reach: &Reach, ready: watch::Sender<bool>,
         let found = if let Ok(found) = found {
             found
         } else {
-            tracing::warn!("no network interface is up: others cannot reach this node until one is");
+            tracing::warn!("no network interface is up: other nodes cannot reach this node until an interface is up");
             addresses.wait_for(|addresses| !addresses.is_empty()).await.is_ok()
         };
         if found {

@@ -118,14 +118,16 @@ impl Renewals {
         match taken.map_err(anyhow::Error::from).flatten() {
             Ok(true) => tracing::info!(by = from, until = self.member.validity().0.0, "the certificate was renewed"),
             Ok(false) => {}
-            Err(error) => tracing::debug!(by = from, error = format!("{error:#}"), "a renewal is not taken"),
+            Err(error) => {
+                tracing::debug!(by = from, error = format!("{error:#}"), "a renewed certificate is not accepted")
+            }
         }
     }
 
     fn put(&self, key: &str, credential: Vec<u8>) {
         let sent = codec::encode(&Renewing { from: self.host.clone(), credential }).map_err(anyhow::Error::from);
         if let Err(error) = sent.and_then(|bytes| Ok(self.session.put_shown(key, bytes)?)) {
-            tracing::debug!(error = format!("{error:#}"), "a word about a certificate was not said");
+            tracing::debug!(error = format!("{error:#}"), "a message about a certificate was not sent");
         }
     }
 }

@@ -93,7 +93,7 @@ const ENTER: u32 = 0o711;
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The folder cannot be made or read.
-    #[error("cannot use the folder `{path}`: {cause}; choose another with `--run-dir`")]
+    #[error("cannot use the folder `{path}`: {cause}; choose another folder with `--run-dir`")]
     Unusable {
         /// The path.
         path: PathBuf,
@@ -105,7 +105,7 @@ pub enum RunDirError {
     Folder(#[from] FolderError),
     /// The folder belongs to another user, so its sockets cannot be trusted.
     #[error(
-        "the folder `{path}` belongs to user {owner}, whose nodes may run there; act as that user, or choose another with `--run-dir`"
+        "the folder `{path}` belongs to user {owner}, whose nodes may run there; act as that user, or choose another folder with `--run-dir`"
     )]
     Foreign {
         /// The path.
@@ -120,7 +120,9 @@ pub enum RunDirError {
         path: PathBuf,
     },
     /// Other users can put files into the folder.
-    #[error("anybody can write to the folder `{path}`; `chmod go-w` it, or choose another with `--run-dir`")]
+    #[error(
+        "every user can write to the folder `{path}`; run `chmod go-w` on it, or choose another folder with `--run-dir`"
+    )]
     Open {
         /// The path.
         path: PathBuf,
@@ -134,7 +136,7 @@ pub enum RunDirError {
     /// The paths of sockets in the folder would be too long for the kernel.
     #[error(
         "the folder `{path}` is too deep for sockets: with the node's name it may have {max} bytes, and has {length}; choose a \
-         shorter one with `--run-dir`"
+         shorter path with `--run-dir`"
     )]
     TooDeep {
         /// The path.
@@ -497,7 +499,7 @@ mod tests {
         };
         assert_eq!(check(&own), "");
         assert!(check(&link).contains("is a link"));
-        assert!(check(&open).contains("anybody can write to the folder"));
+        assert!(check(&open).contains("every user can write to the folder"));
         assert_eq!(running(&folder.join("nowhere")).unwrap(), []);
         fs::create_dir_all(folder.join("named")).unwrap();
         symlink(&own, folder.join("named/c1")).unwrap();

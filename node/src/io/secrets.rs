@@ -67,7 +67,7 @@ impl Secrets {
         let host = &self.host;
         let Some(member) = &self.member else {
             bail!(
-                "`{host}` is in no team, so it can open no secret, and not `{key}`: take it into one with `dca team join`"
+                "`{host}` is in no team, so it cannot open the secret `{key}`: let it join a team with `dca team join`"
             );
         };
         let sealed = match self.stored(Key::new(key)?).await? {
@@ -78,7 +78,7 @@ impl Secrets {
         let sealed = Sealed::from_bytes(&sealed).with_context(|| format!("reading the secret `{key}`"))?;
         member.unseal(key, &sealed).map_err(|error| match error {
             SealError::NotForUs => anyhow!(
-                "the secret `{key}` is not for `{host}`: `dca db put --secret {key} --for ...,{host}` seals it for that robot, too"
+                "the secret `{key}` is not for `{host}`: `dca db put --secret {key} --for ...,{host}` also seals it for that robot"
             ),
             SealError::TooLong | SealError::Path | SealError::Readers | SealError::Generation | SealError::Damaged => {
                 anyhow!("the secret `{key}` cannot be opened: {error}")

@@ -34,7 +34,7 @@ const TOLD_MAX: usize = 4096;
 pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     let base = match base {
         Some(base) => base.to_owned(),
-        None => default_base().context("there is no folder to keep the database in; choose one with `--state`")?,
+        None => default_base().context("the database has no folder; choose a folder with `--state`")?,
     };
     let folder = std::path::absolute(&base)?.join(name);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(&folder);
@@ -47,7 +47,7 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     let is_own = |found: Metadata| found.is_dir() && found.uid() == rustix::process::getuid().as_raw();
     anyhow::ensure!(
         std::fs::symlink_metadata(&folder).map_or(true, is_own),
-        "the folder `{}` is a link or belongs to another user; choose another with `--state`",
+        "the folder `{}` is a link or belongs to another user; choose another folder with `--state`",
         folder.display()
     );
     Ok(folder)
@@ -92,7 +92,7 @@ mod tests {
         let own = take(Some(&base), "c1").unwrap();
         assert_eq!(own, base.join("c1"));
         symlink(&own, base.join("c2")).unwrap();
-        let refused = "is a link or belongs to another user; choose another with `--state`";
+        let refused = "is a link or belongs to another user; choose another folder with `--state`";
         assert!(take(Some(&base), "c2").unwrap_err().to_string().ends_with(refused));
         if rustix::process::getuid().is_root() {
             chown(&own, Some(12345), None).unwrap();

@@ -81,7 +81,7 @@ impl Station for SenderStation {
 fn told(end: SendEnd) -> Result<(), String> {
     match end {
         SendEnd::Accepted => Ok(()),
-        SendEnd::Rejected(why) => Err(format!("the queue has turned it away: {why}")),
+        SendEnd::Rejected(why) => Err(format!("the queue has rejected the message: {why}")),
         SendEnd::Unknown(why) => Err(format!("the queue cannot be reached: {why}")),
         SendEnd::Deadline => Err("the receipt did not come in time: the message may be in the queue".to_owned()),
         SendEnd::Gone => Err("the program of the queue is gone: the message may be in the queue".to_owned()),

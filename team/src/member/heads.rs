@@ -21,7 +21,7 @@ pub(super) fn open(folder: &Path) -> Heads {
     read.unwrap_or_else(|error| {
         tracing::error!(
             error = format!("{error:#}"),
-            "the signed heads of audit logs cannot be read; new ones are signed"
+            "the signed heads of audit logs cannot be read; new heads are signed"
         );
         Heads::default()
     })

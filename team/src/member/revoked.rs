@@ -26,14 +26,15 @@ const REVOKE: &str = "revoke: number ";
 /// file the node would trust revoked members.
 pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Revocations> {
     let path = folder.join(REVOKED);
-    let help = "copy that of another node of the team, whose lines are signed, or take this node into its team again";
+    let help =
+        "copy this file from another node of the team (its lines are signed), or take this node into its team again";
     if let Some(sets) = folder::read(&path, REVOKED_BYTES_MAX)? {
         return revocations(&sets, team).with_context(|| format!("`{}` is broken: {help}", path.display()));
     }
-    ensure!(path.symlink_metadata().is_err(), "`{}` leads nowhere: {help}", path.display());
+    ensure!(path.symlink_metadata().is_err(), "`{}` is a link that leads nowhere: {help}", path.display());
     ensure!(
         !audit::mentions(folder, node, REVOKE),
-        "`{}` is not there, but the audit log says that this node has heard who is revoked: {help}",
+        "`{}` is missing, but the audit log says that this node has received revocations: {help}",
         path.display()
     );
     Ok(Revocations::default())
@@ -57,7 +58,10 @@ impl Member {
         drop(revoked);
         self.cards.judge_again();
         if let Err(error) = self.share_again() {
-            tracing::error!(error = format!("{error:#}"), "programs of another user are not told who is revoked");
+            tracing::error!(
+                error = format!("{error:#}"),
+                "programs of another user are not told which keys are revoked"
+            );
         }
         let what = format!("{REVOKE}{number}, keys {count}");
         self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
@@ -147,7 +151,7 @@ pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocatio
     for set in from_form(bytes)? {
         // Sets of an earlier team of this node are ignored.
         if let Err(error) = revoked.restore(set, team) {
-            tracing::warn!(%error, "a set of revocations that was kept counts no more");
+            tracing::warn!(%error, "a stored set of revocations is ignored");
         }
     }
     Ok(revoked)

@@ -253,9 +253,11 @@ fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     // The audit log is complete once the node has ended.
     drop(first);
     folder::write(&path, &kept[..kept.len() / 2]).unwrap();
-    assert!(why().contains("is broken: copy that of another node") && why().ends_with("not a list of revocations"));
+    assert!(
+        why().contains("is broken: copy this file from another node") && why().ends_with("not a list of revocations")
+    );
     std::fs::remove_file(&path).unwrap();
-    assert!(why().contains("is not there, but the audit log says"), "{}", why());
+    assert!(why().contains("is missing, but the audit log says"), "{}", why());
     folder::write(&path, &kept).unwrap();
     assert!(Member::open(&state).unwrap().unwrap().with_judge(|judge| judge.revoked.has(&gone)));
 }
@@ -288,19 +290,19 @@ fn a_broken_folder_is_no_node_without_a_team() {
     std::fs::write(state.join(FOLDER).join(KEYS), [7; SECRET_LEN]).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("is broken"));
     std::fs::remove_file(state.join(FOLDER).join(KEYS)).unwrap();
-    assert!(Member::open(&state).unwrap_err().to_string().contains("is not there"));
+    assert!(Member::open(&state).unwrap_err().to_string().contains("is missing"));
     std::fs::remove_file(state.join(FOLDER).join(CREDENTIAL)).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short"));
     // The same holds for an empty folder, and for a link to a disk that is not mounted.
     std::fs::remove_dir_all(state.join(FOLDER)).unwrap();
     std::fs::create_dir(state.join(FOLDER)).unwrap();
-    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or leads nowhere"));
+    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or is a link that leads nowhere"));
     std::fs::remove_dir(state.join(FOLDER)).unwrap();
     std::os::unix::fs::symlink("/nowhere/team", state.join(FOLDER)).unwrap();
-    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or leads nowhere"));
+    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or is a link that leads nowhere"));
     std::fs::remove_file(state.join(FOLDER)).unwrap();
     let why = Member::open(&state).unwrap_err().to_string();
-    assert!(why.starts_with("this node ran in the team `acme` last") && why.contains("in-team"), "{why}");
+    assert!(why.starts_with("the last team of this node was `acme`") && why.contains("in-team"), "{why}");
     std::fs::remove_file(state.join("in-team")).unwrap();
     assert!(Member::open(&state).unwrap().is_none());
 }

@@ -241,7 +241,8 @@ fn a_force_sensor_that_hangs_is_noticed_before_it_matters() {
             let end = fly(DOOR, &world, &mut |_| {});
             println!("{how} at {at} s: {:.1} N at most, {}", end.worst, end.why);
             assert!(end.worst <= 60.0 && end.fastest < 0.01, "{world}: {end:?}");
-            let told = if how == "repeats" { "`ft/state` has got its last sample" } else { "the force sensor hangs" };
+            let told =
+                if how == "repeats" { "`ft/state` has received its last sample" } else { "the force sensor hangs" };
             let is_old = end.why.contains("inputs are too old");
             assert!(end.why.contains(told) || is_old, "{world}: {end:?}");
         }

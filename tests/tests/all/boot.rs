@@ -154,6 +154,6 @@ fn a_name_for_a_boot_is_a_word() {
     for bad in ["", "two words", "ä"] {
         let ended = cluster.here().start_node("c1", &["--boot-id", bad]).ended(SOON);
         assert_eq!(ended.code, Some(2), "{ended}");
-        assert!(ended.err.contains("it has 1 to 128 visible ASCII characters"), "{ended}");
+        assert!(ended.err.contains("it must have 1 to 128 visible ASCII characters"), "{ended}");
     }
 }

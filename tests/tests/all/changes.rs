@@ -110,7 +110,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let planned = here.ask(&["plan", &cluster.file("push.dca", &other)]);
     assert!(planned.code == Some(0) && planned.out.contains("act        main: its event actions"), "{planned}");
     let refused = here.ask(&["deploy", &cluster.file("push.dca", &other)]);
-    let why = "the event actions of `main` cannot change now: `main/beside` runs, and the new ones have no place for it there";
+    let why = "the event actions of `main` cannot change now: `main/beside` runs, and the new event actions have no place for it there";
     assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
     for (arguments, code, why) in [
         (["replace", "push", "hit/forse"], 1, "`push` has no program `hit/forse`"),
@@ -135,7 +135,7 @@ fn what_is_planned_before_anything_runs_is_a_start() {
     assert_eq!(alone.code, Some(3), "{alone}");
     let _node = here.node("c3", &[]);
     let plan = here.ask(&["plan", &file]);
-    let start = "nothing runs as `push`: 4 programs would start on `c3`, `c2`";
+    let start = "`push` is not running: 4 programs would start on `c3`, `c2`";
     assert!(plan.code == Some(0) && plan.out.contains(start), "{plan}");
     let json = here.ask(&["plan", "--json", &file]);
     let told: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
@@ -151,7 +151,10 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     let unknown = here.ask(&["add", "push", "ear instof NoSuchType(c3)"]);
     assert!(unknown.code == Some(1) && unknown.err.contains("NoSuchType"), "{unknown}");
     let elsewhere = here.ask(&["add", "push", "--in", "main/hit", "ear instof ForceThreshold(c9)"]);
-    assert!(elsewhere.code == Some(1) && elsewhere.err.contains("takes no part in what runs"), "{elsewhere}");
+    assert!(
+        elsewhere.code == Some(1) && elsewhere.err.contains("has no part in the running deployment"),
+        "{elsewhere}"
+    );
 
     let wire = "force, Out -> ear, In";
     let add = ["add", "push", "--in", "main/hit", "--optional", "--probation", "0.5", "--connect", wire];
@@ -171,7 +174,7 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     // The types of the spec are known together with the spec.
     let another = ["add", "push", "--optional", "--probation", "0.5", "more instof Beside(c2, \"sleep 1000\")"];
     let unknown = here.ask(&another);
-    let told = ["`Beside`", "types that a spec declares are known with `--spec FILE`"];
+    let told = ["`Beside`", "`--spec FILE` adds the types that a spec declares"];
     assert!(unknown.code == Some(1) && told.iter().all(|told| unknown.err.contains(told)), "{unknown}");
     let file = cluster.file("push.dca", SPEC);
     let added = here.ask(&[&another[..], &["--spec", &file]].concat());
@@ -193,12 +196,13 @@ fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     };
     let new = SPEC.replace("sleep 1000", "sleep 2000");
     let nowhere = deploy(&new, "c3");
-    let why = "no program of `push` on `c3` is another one in this spec";
+    let why = "this spec changes no program of `push` on `c3`";
     assert!(nowhere.code == Some(1) && nowhere.err.contains(why), "{nowhere}");
     assert_eq!(others(&here, &before), Vec::<String>::new());
 
     let bad = deploy(&new.replace("# hit # beside", "# (hit , beside)"), "c2");
-    let why = ["on `c2` first", "so `c2` is taken back", "the new ones have no place for it there"];
+    let why =
+        ["on `c2` first", "so the change of `c2` is taken back", "the new event actions have no place for it there"];
     assert!(bad.code == Some(1) && why.iter().all(|why| bad.err.contains(why)), "{bad}");
     assert_eq!(others(&here, &before), ["main/beside"], "it was changed, and changed back");
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
@@ -222,8 +226,8 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
     // In the meantime, `dca plan` shows the plan in its probation, and says so.
     let probed = here.ask(&["plan", &file]);
-    let told = "`push@1`, as revision 1 by ";
-    let stage = "which is in its probation; until then it is revision 0:\n  keep       4 programs";
+    let told = "`push@1`, as it will be in revision 1 by ";
+    let stage = "which is in its probation; until then revision 0 is current:\n  keep       4 programs";
     assert!(probed.code == Some(0) && probed.out.starts_with(told) && probed.out.contains(stage), "{probed}");
     let json = here.ask(&["plan", "--json", &file]);
     let json: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
@@ -232,7 +236,7 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     assert!(same.code == Some(0) && same.err.contains(stage.split(';').next().unwrap_or_default()), "{same}");
     change.signal(Signal::INT);
     let left = change.ended(SOON);
-    assert!(left.code == Some(1) && left.err.contains("which goes on without this command"), "{left}");
+    assert!(left.code == Some(1) && left.err.contains("the change of `push` continues"), "{left}");
     assert!(mission.is_running());
     assert_eq!(others(&here, &before), ["main/beside"], "the new program is still there");
 }

@@ -110,7 +110,7 @@ fn proofs_have_their_exit_codes() {
         (&["fmea", "--html", &good], 0, "<table>"),
         (&["fmea", "--markdown", &good], 0, "| program | fault | while |"),
         (&["fmea", "--json", &good], 0, "\"mission\":"),
-        (&["fmea", "--faults", "2", &good], 0, "no worse than one of the two alone"),
+        (&["fmea", "--faults", "2", &good], 0, "no worse than one of the two faults alone"),
         (&["fmea", "--faults", "2", "--states", "5", &good], 4, "looked at in"),
         (&["verify", "--json", "--threads", "2", &good], 0, "\"verdict\":\"proved\""),
         (&["verify", "--json", &bad], 1, "\"code\":\"E0811\""),
@@ -209,7 +209,7 @@ fn imports_have_their_exit_codes_and_write_over_nothing() {
     let part = cluster.file("part.xml", &tree("<Script code=\"a := 1\"/>"));
     let ended = cluster.here().ask(&["import", &part]);
     assert!(ended.code == Some(1) && ended.out.contains("// import: line 1"), "{ended}");
-    assert!(ended.err.contains("part.xml:1:45: `Script` is a program to write"), "{ended}");
+    assert!(ended.err.contains("part.xml:1:45: `Script` is a program that you have to write"), "{ended}");
     let wrong = cluster.file("wrong.xml", "<root><a></root>");
     let ended = cluster.here().ask(&["import", &wrong]);
     assert!(ended.code == Some(1) && ended.out.is_empty() && ended.err.contains("line 1, column 10"), "{ended}");
@@ -342,7 +342,7 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     let forget = here.ask(&["stop", "one", "--forget"]);
     assert!(forget.code == Some(1) && forget.err.contains("`one@1` is running; `dca stop one` ends it"), "{forget}");
     let which = here.ask(&["db", "get", "robot/"]);
-    assert!(which.code == Some(1) && which.err.contains("several `dca run` are going"), "{which}");
+    assert!(which.code == Some(1) && which.err.contains("several `dca run` commands are running"), "{which}");
     let stop = here.ask(&["stop", "one"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(one.ended(SOON).code, Some(1));

@@ -120,7 +120,10 @@ fn real_runs_with_kills_conform_and_a_planted_deviation_is_found() {
         cluster.expect_nothing_left(Duration::from_secs(5));
         let folder = cluster.folder().join(format!("runs/cell-{}", round + 1));
         let compared = cluster.here().ask(&["conform", &folder.display().to_string(), &file]);
-        assert!(compared.code == Some(0) && compared.out.contains("all as the spec says"), "{victim}: {compared}");
+        assert!(
+            compared.code == Some(0) && compared.out.contains("all steps agree with the spec"),
+            "{victim}: {compared}"
+        );
         assert!(compared.out.contains("proved: main: home only after cell.ended"), "{compared}");
     }
     let run = recorder::read(&cluster.folder().join("runs/cell-1").join(recorder::FILE)).expect("the record is whole");

@@ -263,7 +263,7 @@ fn data_goes_through_the_one_who_meets_both() {
     assert!(refused.code == Some(3) && refused.err.contains("nothing was written"), "{refused}");
     robots.network.cut(1);
     let pending = robots.ask(2, &["put", "team/late", "1", "--level", "everywhere", "--within", "500ms"]);
-    assert!(pending.code == Some(3) && pending.err.contains("committed for good"), "{pending}");
+    assert!(pending.code == Some(3) && pending.err.contains("the write is committed"), "{pending}");
     robots.network.heal(1);
     robots.expect_agreement(3);
     assert_eq!(robots.db(1, &["get", "team/late"]), "1\n");

@@ -48,7 +48,7 @@ fn a_file_where_a_folder_is_expected() {
     let (idle, file) = (cluster.file("idle.dca", IDLE), cluster.file("file", ""));
     let below = format!("{file}/x");
     for folder in [&file, &below] {
-        let is_file = format!("`{file}` is a file, where a folder is expected; choose another with `--");
+        let is_file = format!("`{file}` is a file, where a folder is expected; choose another folder with `--");
         for option in ["runs", "state"] {
             let refused = here.ask(&["run", &format!("--{option}"), folder, &idle]);
             check(&cluster, &refused, 1, &[&format!("{is_file}{option}`")]);
@@ -62,11 +62,11 @@ fn a_file_where_a_folder_is_expected() {
     // Even root cannot make a folder there.
     for option in ["runs", "state"] {
         let refused = here.ask(&["run", &format!("--{option}"), "/proc/x", &idle]);
-        let another = format!("choose another with `--{option}`");
+        let another = format!("choose another folder with `--{option}`");
         check(&cluster, &refused, 1, &["cannot make the folder `/proc/x", &another]);
     }
     let refused = here.clone().with_run_dir("/proc/x").ask(&["run", &idle]);
-    check(&cluster, &refused, 1, &["cannot use the folder `/proc/x", "choose another with `--run-dir`"]);
+    check(&cluster, &refused, 1, &["cannot use the folder `/proc/x", "choose another folder with `--run-dir`"]);
 }
 
 #[test]
@@ -255,11 +255,11 @@ fn a_program_that_offers_no_controllers() {
     let cluster = Cluster::new();
     let (here, file) = (cluster.here(), cluster.file("idle.dca", IDLE));
     let silent = here.ask(&["run", "--controllers", "/bin/false", &file]);
-    check(&cluster, &silent, 1, &["`/bin/false` does not tell its interface"]);
+    check(&cluster, &silent, 1, &["`/bin/false` did not print its interface"]);
     let missing = here.ask(&["run", "--controllers", "/nowhere/controllers", &file]);
     check(&cluster, &missing, 1, &["cannot run `/nowhere/controllers`: No such file"]);
     let node = here.start_node("c1", &["--controllers", "/bin/false"]).ended(SOON);
-    check(&cluster, &node, 1, &["`/bin/false` does not tell its interface"]);
+    check(&cluster, &node, 1, &["`/bin/false` did not print its interface"]);
     let node = here.start_node("c1", &["--controllers", "/bin/true"]).ended(SOON);
     check(&cluster, &node, 1, &["`/bin/true` offers no controller type"]);
 }
@@ -273,7 +273,7 @@ fn a_folder_that_cannot_be_used() {
     check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);
     let deep = cluster.folder().join("d".repeat(60));
     let node = cluster.here().with_run_dir(&deep).start_node("c1", &[]);
-    check_node(&cluster, node, &["is too deep for sockets", "may have 43 bytes", "a shorter one with `--run-dir`"]);
+    check_node(&cluster, node, &["is too deep for sockets", "may have 43 bytes", "a shorter path with `--run-dir`"]);
     assert!(!deep.exists(), "a start that is refused leaves nothing");
     let runs = cluster.here().ask(&["run", "--runs", &format!("{file}/runs"), &cluster.file("idle.dca", IDLE)]);
     check(&cluster, &runs, 1, &["/file` is a file, where a folder is expected", "`--runs`"]);
@@ -341,7 +341,7 @@ fn a_deployment_that_is_already_there() {
         1,
         &[
             "`idle@1` is not changed",
-            "`main/idle` runs, and something else stands in its place",
+            "`main/idle` runs, and the new event actions have another expression in its place",
             "or stop the deployment",
         ],
     );

@@ -38,7 +38,7 @@ fn everything_ends_at_once_and_stays_so_over_a_restart() {
     assert_eq!(here.pids().len(), 2);
     let all = here.ask(&["estop", "a person in the cell"]);
     assert_eq!((all.code, all.out.as_str()), (Some(0), "c1: stopped; no program runs\nc2: stopped; no program runs\n"));
-    assert!(all.err.contains("nothing begins on these hosts before `dca estop --release`"), "{all}");
+    assert!(all.err.contains("no program starts on these hosts before `dca estop --release`"), "{all}");
     assert_eq!(here.pids().len(), 0, "no program is left when it says so");
     let ended = deploy.ended(SOON);
     assert_eq!(ended.code, Some(1), "{ended}");
@@ -83,7 +83,7 @@ fn a_disk_that_does_not_have_it_is_told() {
     std::fs::create_dir(&file).expect("the node has made its folder");
     let all = here.ask(&["estop"]);
     assert_eq!(all.code, Some(1), "{all}");
-    assert!(all.out.starts_with("c1: stopped; no program runs; its disk does not have that: `"), "{all}");
+    assert!(all.out.starts_with("c1: stopped; no program runs; its disk could not store this: `"), "{all}");
     assert!(all.err.contains("the node would not know after a restart that everything is stopped"), "{all}");
     let (code, hosts) = estop_json(&here, &["--release"]);
     assert_eq!((code, hosts["hosts"][0]["unwritten"].is_string()), (Some(1), true), "{hosts:#}");

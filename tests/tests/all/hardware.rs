@@ -201,5 +201,5 @@ fn a_mission_is_checked_against_its_hardware() {
     let why = "`main/base` runs in another deployment: `hardware` runs no `main/base`";
     assert!(checked.code == Some(1) && checked.err.contains(why), "{checked}");
     let checked = check(&example.endless);
-    assert!(checked.code == Some(1) && checked.err.contains("nothing of `endless` is used"), "{checked}");
+    assert!(checked.code == Some(1) && checked.err.contains("the spec uses no process of `endless`"), "{checked}");
 }

@@ -89,7 +89,7 @@ fn what_members_send_each_other_is_listed_and_echoed() {
     }
     let unknown = here.ask(&["echo", "twice.third.Out"]);
     assert_eq!(unknown.code, Some(1), "{unknown}");
-    assert!(unknown.err.contains("there are `main/twice.Out`, `main/twice.first.Out`"), "{unknown}");
+    assert!(unknown.err.contains("the outputs are `main/twice.Out`, `main/twice.first.Out`"), "{unknown}");
 
     let stop = here.ask(&["stop", "count"]);
     assert_eq!(stop.code, Some(0), "{stop}");

@@ -75,16 +75,16 @@ fn what_cannot_be_called_says_why() {
     for (arguments, code, why) in [
         (&["call", "nobody.Drive"][..], 1, "no process `nobody` is running"),
         (&["call", "other:wheels.Drive"], 1, "no process `other:wheels` is running"),
-        (&["call", "wheels.Fly"], 1, "it exports no `Fly`; there are `Drive`, `place`"),
+        (&["call", "wheels.Fly"], 1, "it exports no `Fly`; its exports are `Drive`, `place`"),
         (&["call", "trip.Drive"], 1, "it exports no `Drive`; it exports nothing"),
         (&["call", "wheels.Drive"], 1, "its argument is missing; expected Go { speed: Speed }"),
         (&["call", "wheels.Drive", "speed=1 N"], 1, "expected Go { speed: Speed }"),
         (&["call", "wheels.Drive", "speed=20 m/s"], 1, "20 m/s is not a speed of these wheels"),
-        (&["call", "idle.Drive", "speed=1 m/s"], 1, "`Drive` is not answered now: its process does not run"),
-        (&["get", "wheels.Drive"], 1, "`Drive` is a procedure: `dca call wheels.Drive`"),
-        (&["call", "wheels.place"], 1, "`place` is a state, which is read: `dca get wheels.place`"),
+        (&["call", "idle.Drive", "speed=1 m/s"], 1, "`Drive` cannot answer now: its process does not run"),
+        (&["get", "wheels.Drive"], 1, "`Drive` is a procedure; call it with `dca call wheels.Drive`"),
+        (&["call", "wheels.place"], 1, "`place` is a state; read it with `dca get wheels.place`"),
         (&["call", "Drive"], 2, "names nothing to call"),
-        (&["call", "wheels.Drive", "speed=1 m/s", "--within", "no"], 2, "this is not a number of seconds"),
+        (&["call", "wheels.Drive", "speed=1 m/s", "--within", "no"], 2, "expected a number of seconds"),
     ] {
         let asked = here.ask(arguments);
         assert!(asked.code == Some(code) && asked.err.contains(why), "{arguments:?}: {asked}");
@@ -106,7 +106,7 @@ fn a_program_that_is_suspended_in_a_call() {
     assert_eq!(first.code, Some(0), "{first}");
     wheels.signal(Signal::STOP);
     let late = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "1"]);
-    let told = "no answer within 1 s; it may have been carried out";
+    let told = "no answer within 1 s; the call may have been carried out";
     // A suspended program may also accept no new link.
     assert!(late.code == Some(3) && (late.err.contains(told) || late.err.contains("cannot reach")), "{late}");
     wheels.signal(Signal::CONT);

@@ -307,7 +307,7 @@ fn a_program_on_a_host_that_does_not_answer_is_not_denied() {
     assert!(wait_until(SOON, is_told).is_some(), "{}", list());
     for arguments in [&["set", "hit/threshold", "threshold", "20 N"][..], &["get", "hit/threshold", "threshold"]] {
         let asked = here.ask(&[&["param"], arguments].concat());
-        assert!(asked.code == Some(3) && asked.err.contains("`c3` does not answer, where it may run"), "{asked}");
+        assert!(asked.code == Some(3) && asked.err.contains("`c3` does not answer, and it may run there"), "{asked}");
     }
     nodes[1].signal(Signal::CONT);
 }

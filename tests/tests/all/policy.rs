@@ -82,7 +82,7 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     let elsewhere = deploy(&cluster, &spec(&format!("{} --version", own.display()), "", ""));
     let own = real(&own.display().to_string());
     let why = "the policy of this node refuses it: ";
-    let none = format!("{why}`{}` is in none of the folders of programs (rule `folders`, {}", own.display(), place(2));
+    let none = format!("{why}`{}` is not in a folder of allowed programs (rule `folders`, {}", own.display(), place(2));
     expect_refused(&elsewhere, &none);
     let limit = |limit: &str| deploy(&cluster, &spec(&touch, "", limit));
     expect_refused(
@@ -128,7 +128,7 @@ fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
     let host = cluster.here();
     let file = put(&host, "c1", "root = true\nrealtime = 50\n");
     let why = format!(
-        "the policy `{}` cannot be used: line 2: `50` is not allowed in `realtime`: it is 0 to 49",
+        "the policy `{}` cannot be used: line 2: `50` is not allowed in `realtime`: write a number from 0 to 49",
         file.display()
     );
     let ended = host.start_node("c1", &[]).ended(SOON);
@@ -334,7 +334,7 @@ fn each_refusal_is_in_the_audit_log() {
     let node = host.node("c1", &[]);
     let text = spec("true", "", "");
     let refused = ask(&["deploy", &cluster.file("tool.dca", &text)]);
-    expect_refused(&refused, "is in none of the folders of programs");
+    expect_refused(&refused, "is not in a folder of allowed programs");
     node.signal(Signal::TERM);
     assert_eq!(node.ended(SOON).code, Some(0));
     let audit = host.ask(&["audit", "c1", "--run-dir", &host.run_dir().display().to_string()]);

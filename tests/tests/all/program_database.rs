@@ -137,7 +137,7 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     assert!(max < LATE, "{max:?}");
     assert_eq!(lines(&cluster, "forbidden", "committed"), [""; 0]);
     let why = lines(&cluster, "forbidden", "refused");
-    assert!(why[0].contains("is not written by programs"), "{why:?}");
+    assert!(why[0].contains("cannot be written by programs"), "{why:?}");
 }
 
 /// Two programs count at one key, each 50 times. With expected versions, no count is lost.

@@ -60,7 +60,7 @@ fn queues_are_shown_from_the_command_line() {
         (&["queue", "calm.letters"], 1, "no queue `calm.letters`: it shows `news`"),
         (&["queue", "clerk.letters"], 1, "no queue `clerk.letters`: it shows `orders`"),
         (&["queue", "clerk."], 2, "names nothing"),
-        (&["queue", "--within", "no"], 2, "this is not a number of seconds"),
+        (&["queue", "--within", "no"], 2, "expected a number of seconds"),
     ] {
         let asked = here.ask(arguments);
         assert!(asked.code == Some(code) && asked.err.contains(why), "{arguments:?}: {asked}");

@@ -27,13 +27,13 @@ fn a_mistake_is_kept_as_a_test_until_it_is_gone() {
     // Before the repair.
     let failed = here.ask(&["test", "kept"]);
     assert!(failed.code == Some(1) && failed.out.contains("2 tests: 0 passed, 2 failed"), "{failed}");
-    assert!(failed.out.contains("it comes to the same again"), "{failed}");
+    assert!(failed.out.contains("it happens again in the same way"), "{failed}");
     let same = here.ask(&["sim", "cups.dca", "--replay", stuck]);
-    assert!(same.code == Some(0) && same.out.contains("it comes to the same as in the story"), "{same}");
+    assert!(same.code == Some(0) && same.out.contains("the run ends as in the story"), "{same}");
     let report = here.ask(&["verify", "cups.dca", "--json"]);
     cluster.file("report.json", &report.out);
     let same = here.ask(&["sim", "cups.dca", "--replay", "report.json"]);
-    assert!(same.code == Some(0) && same.out.contains("it comes to the same"), "{same}");
+    assert!(same.code == Some(0) && same.out.contains("the run ends as in the story"), "{same}");
 
     // This repairs only half: the order of the cups is still wrong, and removing the sentence does not repair it.
     let half = WRONG

@@ -71,7 +71,7 @@ fn a_rate_is_that_of_the_program() {
     let unknown = here.ask(&["echo", "beat.Nope"]);
     assert_eq!(unknown.code, Some(1), "{unknown}");
     assert!(
-        unknown.err.contains("no process that is meant has an output `beat.Nope`; there are `main/beat.Out`"),
+        unknown.err.contains("no matching process has an output `beat.Nope`; the outputs are `main/beat.Out`"),
         "{unknown}"
     );
     let nobody = here.ask(&["echo", "nobody.Out"]);
@@ -118,7 +118,7 @@ fn an_echo_outlives_its_home() {
     let echo = here.dca(&["echo", "beat.Out", "--json"]);
     echo.wait_for(Stream::Out, "\"number\"", SOON);
     node.kill();
-    echo.wait_for(Stream::Err, "and their end once it is back", SOON);
+    echo.wait_for(Stream::Err, "the end of the mission will be reported when the node is back", SOON);
     let _node = here.node("c1", &[]);
     cluster.expect_leaf("main/beat").signal(Signal::KILL);
     echo.wait_for(Stream::Out, "\"restarted\":true", SOON);

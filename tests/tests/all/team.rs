@@ -89,7 +89,7 @@ fn a_team_has_users_and_loses_them() {
     let half = desk.cluster.file("half.team", exported.rsplit_once("\ncertificate").expect("there is one").0);
     desk.refused(
         &["team", "import", &half],
-        "its last line does not fit the others: a part was lost or changed; export it again",
+        "its last line does not fit the other lines: a part was lost or changed; export the team again",
     );
     assert_eq!(desk.done(&["team", "user", "remove", "dan"]), "dan is revoked: number 1\n");
     let listed = desk.done(&["team"]);
@@ -120,12 +120,12 @@ fn what_is_on_the_disk_is_private_and_says_nothing() {
     // A key that others may read is not used, and neither is such a passphrase.
     let root = desk.keys.join("acme/root.key");
     fs::set_permissions(&root, Permissions::from_mode(0o640)).expect("a file of ours");
-    desk.refused(&add, "others may read or write");
+    desk.refused(&add, "other users can read or write");
     fs::set_permissions(&root, Permissions::from_mode(0o600)).expect("a file of ours");
     let file = desk.cluster.file("passphrase", PASSPHRASE);
     let with_file = [&add[..], &["--passphrase", &file]].concat();
     fs::set_permissions(&file, Permissions::from_mode(0o644)).expect("a file of ours");
-    desk.refused(&with_file, "others may read or write");
+    desk.refused(&with_file, "other users can read or write");
     fs::set_permissions(&file, Permissions::from_mode(0o600)).expect("a file of ours");
     desk.done(&with_file);
 }
@@ -150,7 +150,7 @@ fn a_short_passphrase_and_a_changed_file_are_refused() {
     let at = changed.len() - 20;
     changed[at] = if changed[at] == b'0' { b'1' } else { b'0' };
     fs::write(&own, changed).expect("a file of ours");
-    desk.refused(&["team", "--team", "acme"], "its last line does not fit the others");
+    desk.refused(&["team", "--team", "acme"], "its last line does not fit the other lines");
 }
 
 #[test]

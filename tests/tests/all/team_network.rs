@@ -382,18 +382,21 @@ fn a_user_does_what_the_role_says() {
         assert!(imported.err.contains(&format!("you are `dan`, {role}")), "{imported}");
     };
     give("viewer");
-    refused(deploy(), "`dan` is viewer, who may not deploy");
+    refused(deploy(), "`dan` has the role viewer, which may not deploy");
     assert!(team.cluster.leaf("main/a").is_none());
     give("deployer");
     let mission = desk.dca(&with(&["deploy", &idle, "--no-record"], &own));
     assert!(wait_until(SOON, || team.cluster.leaf("main/a").is_some()).is_some(), "{}", mission.text(Stream::Err));
     give("viewer");
-    refused(desk.ask(&with(&["stop", "idle"], &own)), "`dan` is viewer, who may not stop");
+    refused(desk.ask(&with(&["stop", "idle"], &own)), "`dan` has the role viewer, which may not stop");
     give("operator");
     let stopped = desk.ask(&with(&["stop", "idle"], &own));
     assert_eq!(stopped.code, Some(0), "{stopped}");
     drop(mission.ended(SOON));
-    refused(desk.ask(&with(&["db", "put", "team/gain", "1.5"], &own)), "`dan` is operator, who may not write");
+    refused(
+        desk.ask(&with(&["db", "put", "team/gain", "1.5"], &own)),
+        "`dan` has the role operator, which may not write",
+    );
     let removed = operator.ask(&with(
         &["team", "user", "remove", "dan", "--run-dir", &operator.run_dir().display().to_string()],
         &team.keys,

@@ -93,7 +93,9 @@ fn a_user_is_renewed_by_who_may() {
     let alone = dan(&["team", "renew", "--run-dir", &run_dir]);
     assert_eq!(alone.code, Some(1), "{alone}");
     assert!(
-        alone.err.contains("it was not renewed: `c1`: `c1` may not renew; `dca team invite NAME --renewer`"),
+        alone
+            .err
+            .contains("the certificate was not renewed: `c1`: `c1` may not renew; `dca team invite NAME --renewer`"),
         "{alone}"
     );
     let _c2 = cluster.host(&network, 2).node("c2", &[]);

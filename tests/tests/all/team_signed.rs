@@ -211,7 +211,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     assert_eq!((team.id, team.name.as_str(), team.node.as_str()), (at.team.team.id().0, "acme", "c2"));
     let found = Request::Database(Question::Found);
     at.call_refused(&found, "it is not signed");
-    at.signed_refused(dan.sign(&found, "c2"), "`dan` is deployer, who may not decide who has the database");
+    at.signed_refused(dan.sign(&found, "c2"), "`dan` has the role deployer, which may not decide who has the database");
     let Answer::Database(Reply::Done(_)) = at.ask_signed(&ann.sign(&found, "c2")) else { panic!("an admin may") };
     // The log contains an accepted request with its result.
     let unknown = at.ask_signed(&dan.sign(&stop(), "c2"));
@@ -222,7 +222,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     assert_eq!(of_dan(), ["accepted|dan|stop `test`|", failed]);
     for request in [deploy(), stop(), write()] {
         at.call_refused(&request, "it is not signed");
-        at.signed_refused(vic.sign(&request, "c2"), "`vic` is viewer, who may not");
+        at.signed_refused(vic.sign(&request, "c2"), "`vic` has the role viewer, which may not");
     }
     at.signed_refused(dan.sign(&stop(), "c1"), "the request is for another host");
     at.signed_refused(dan.sign_with(&stop(), "c2", |it| it.team = KeyId([7; 32])), "the request is for another team");
@@ -250,7 +250,10 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.node.take().expect("it runs").kill();
     fs::rename(&accepted, &kept).expect("it is there");
     let refused = at.host.start_node("c2", &[]).ended(SOON);
-    assert!(refused.code == Some(1) && refused.err.contains("it is not known which were here before"), "{refused}");
+    assert!(
+        refused.code == Some(1) && refused.err.contains("it is not known which requests were used before"),
+        "{refused}"
+    );
     fs::rename(&kept, &accepted).expect("it was there");
     at.restart();
     at.signed_refused(good, "was here before");
@@ -422,7 +425,7 @@ fn a_home_that_lies_starts_nothing() {
         codec::encode(&Request::Deploy { request: 7, plan: altered, by: String::new(), start: Default::default() })
             .expect("it is short");
     liar.refused(1, prepare(Some(&body)), "the body is not the one that was signed");
-    liar.refused(1, prepare(Some(&vic.sign(&deploy(), "c1"))), "`vic` is viewer, who may not deploy");
+    liar.refused(1, prepare(Some(&vic.sign(&deploy(), "c1"))), "`vic` has the role viewer, which may not deploy");
     let past = |it: &mut request::Request| {
         (it.not_before, it.not_after) = (UnixTime(it.not_before.0 - 2000), UnixTime(it.not_before.0 - 1940));
     };

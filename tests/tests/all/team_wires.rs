@@ -331,7 +331,7 @@ fn calls_in_vain(team: &Team, program: &str) {
         called
     };
     let called = team.network.inside(4, attack).join().expect("the attack ends");
-    let reason = "in a team, to call `Drive` needs the key of a user who may operate (`dca team key`)".to_owned();
+    let reason = "in a team, a call of `Drive` needs the key of a user who may operate (`dca team key`)".to_owned();
     assert_eq!(called, [Err(ObjectError::Gone), Err(ObjectError::Gone), Err(ObjectError::Refused { reason })]);
     let told = wait_until(SOON, || team.refusals(3).iter().any(|line| line.starts_with("call ")));
     let lines: Vec<String> = team.refusals(3).into_iter().filter(|line| line.starts_with("call ")).collect();

@@ -122,7 +122,7 @@ fn a_law_that_remembers_is_not_started_again_alone() {
     let text = THROUGH.replace(model, &format!("{model} {{ restart transient; }}"));
     let why = plan("door_through.dca", &text).expect_err("it is refused");
     assert!(
-        why.contains("error[E0112]: `model` would be started again without what `ModelBasedCtrl` remembers"),
+        why.contains("error[E0112]: a restart of `model` would lose the state that `ModelBasedCtrl` remembers"),
         "{why}"
     );
     assert_eq!(why.matches("[E").count(), 1, "nothing else is wrong: {why}");

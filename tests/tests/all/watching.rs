@@ -157,7 +157,8 @@ fn what_is_complete_has_heard_every_host_that_is_known() {
             let told = told(&objects(&known.out));
             assert!(!is_whole || told.starts_with(&before), "round {round}, answer {answers}: {known}");
             // It is unknown whether it runs while the only host that may have it does not answer.
-            let is_unknown = status.code == Some(3) && status.err.contains("`c1` does not answer, where it may run");
+            let is_unknown =
+                status.code == Some(3) && status.err.contains("`c1` does not answer, and it may run there");
             assert!(status.code == Some(0) || is_unknown, "{status}");
             let is_shown = status.out.contains("main/first") || status.out.contains("first: Wait");
             assert!(is_shown || status.err.contains("`c1`"), "round {round}, answer {answers}: {status}");

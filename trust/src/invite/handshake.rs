@@ -30,22 +30,22 @@ pub const INVITES_MAX: usize = 256;
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum JoinError {
     /// The invitation has ended.
-    #[error("the invitation has ended; ask for another")]
+    #[error("the invitation has ended; ask for a new invitation")]
     Expired,
     /// The other side belongs to another team than the one in the line.
-    #[error("who answers is not the team that the invitation is of")]
+    #[error("the answer is not from the team of the invitation")]
     OtherTeam,
     /// The other side has no right to invite.
-    #[error("who answers may not invite: {0}")]
+    #[error("the answering member may not invite: {0}")]
     Inviter(TrustError),
     /// A signature is not valid.
-    #[error("who answers has not signed what it says")]
+    #[error("the answering member has not signed its message")]
     Signature,
     /// A message is not expected in this state.
     #[error("an unexpected message came")]
     Unexpected,
     /// The other side refuses.
-    #[error("the inviter refuses: the invitation was used, has ended, or is not its own")]
+    #[error("the inviter refuses: the invitation was already used, has ended, or is not from this inviter")]
     Refused,
     /// The secret does not belong to an open invitation.
     #[error("a host tried to join without an open invitation")]
@@ -57,10 +57,10 @@ pub enum JoinError {
     #[error("the certificate cannot be made: {0}")]
     Claims(ClaimsError),
     /// The received certificate does not belong to the joiner.
-    #[error("the certificate that came is for another member")]
+    #[error("the received certificate is for another member")]
     NotOurs,
     /// The received certificate is not valid.
-    #[error("the certificate that came is not valid: {0}")]
+    #[error("the received certificate is not valid: {0}")]
     Certificate(TrustError),
 }
 

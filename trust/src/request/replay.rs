@@ -18,7 +18,7 @@ const RECORD_MAX: usize = 256;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ReplayError {
     /// The number was already used.
-    #[error("request number {0} of this signer was here before")]
+    #[error("request number {0} of this signer was used before")]
     Used(u64),
     /// The number is too far below the highest one to know whether it was used.
     #[error("request number {0} of this signer is too old")]

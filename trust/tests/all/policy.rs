@@ -59,12 +59,12 @@ fn where_only_some_programs_run_specs_set_only_listed_variables() {
     assert_eq!(said(folders).len(), 3);
     assert_eq!(
         said(folders)[0],
-        "no spec sets or inherits the variable `LD_PRELOAD` on this node (there is no rule `environment` in `/p`)"
+        "no spec may set or inherit the variable `LD_PRELOAD` on this node (there is no rule `environment` in `/p`)"
     );
     let listed = format!("{folders}environment = [\"ROS_*\"]");
     assert_eq!(
         said(&listed),
-        ["no spec sets or inherits the variable `LD_PRELOAD` on this node (rule `environment`, `/p` line 2)"]
+        ["no spec may set or inherit the variable `LD_PRELOAD` on this node (rule `environment`, `/p` line 2)"]
     );
 }
 
@@ -79,11 +79,11 @@ fn all_reasons_are_said_at_once_each_with_its_rule_and_line() {
     let denied = policy.admit(&wrong).unwrap_err();
     let said: Vec<String> = denied.iter().map(|one| one.sentence(Path::new("/p"))).collect();
     let expected = [
-        "`/tmp/servo` is in none of the folders of programs (rule `folders`, `/p` line 2)",
+        "`/tmp/servo` is not in a folder of allowed programs (rule `folders`, `/p` line 2)",
         "no program runs as root on this node (there is no rule `root` in `/p`)",
-        "programs run as `dca-run` on this node, and this one would run as `root`: it is so (rule `user`, `/p` line 3)",
+        "programs run as `dca-run` on this node, and this program would run as `root`: it is so (rule `user`, `/p` line 3)",
         "no program may claim `camera` on this node (rule `devices`, `/p` line 4)",
-        "no program is given the secret `team/one/more` on this node (rule `secrets`, `/p` line 5)",
+        "no program may read the secret `team/one/more` on this node (rule `secrets`, `/p` line 5)",
         "its real-time priority of 41 is above 40 (rule `realtime`, `/p` line 6)",
         "its memory of 2000000 B is above 1000000 B (rule `memory`, `/p` line 7)",
         "its cores of 1.600 is above 1.500 (rule `cores`, `/p` line 8)",
@@ -136,14 +136,14 @@ fn a_policy_that_is_not_understood_is_none() {
     let unknown = wrong("root = true\n\nfolder = [\"/opt\"]");
     assert!(unknown.starts_with("line 3: unknown field `folder`, expected one of `folders`, "), "{unknown}");
     let check = |text: &str, expected: &str| assert_eq!(wrong(text), expected);
-    let path = "it is a path from the root on, without `..`";
+    let path = "write an absolute path without `..`";
     check("folders = [\"opt\"]", &format!("line 1: `opt` is not allowed in `folders`: {path}"));
     check("\nfolders = [\"/opt/../etc\"]", &format!("line 2: `/opt/../etc` is not allowed in `folders`: {path}"));
-    check("realtime = 50", "line 1: `50` is not allowed in `realtime`: it is 0 to 49");
-    check("hashes = [\"12\"]", "line 1: `12` is not allowed in `hashes`: it is 64 digits from 0 to f");
-    check("pids = 0", "line 1: `0` is not allowed in `pids`: it is above 0");
-    check("cores = nan", "line 1: `NaN` is not allowed in `cores`: it is from 0.001 to 4096");
-    check("user = \"\"", "line 1: `` is not allowed in `user`: it is not empty");
+    check("realtime = 50", "line 1: `50` is not allowed in `realtime`: write a number from 0 to 49");
+    check("hashes = [\"12\"]", "line 1: `12` is not allowed in `hashes`: write 64 digits from 0 to f");
+    check("pids = 0", "line 1: `0` is not allowed in `pids`: write a number above 0");
+    check("cores = nan", "line 1: `NaN` is not allowed in `cores`: write a number from 0.001 to 4096");
+    check("user = \"\"", "line 1: `` is not allowed in `user`: write a name that is not empty");
     assert!(wrong("root = true\nsandbox = \"strict\"").starts_with("line 2: unknown variant `strict`"));
     assert!(wrong("root = true\nroot = true").starts_with("line 2: duplicate key"), "a rule is said once");
     assert!(wrong("root = true\nmemory = \"much\"").starts_with("line 2: invalid type"));

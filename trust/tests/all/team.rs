@@ -16,7 +16,7 @@ fn everybody_of_the_team_is_trusted_for_what_the_role_allows() {
     }
     assert!(world.deployer.1.require(Action::Deploy, &judge).is_ok());
     let refused = world.viewer.1.require(Action::Deploy, &judge).unwrap_err();
-    assert_eq!(refused.to_string(), "`vic` is viewer, who may not deploy");
+    assert_eq!(refused.to_string(), "`vic` has the role viewer, which may not deploy");
 }
 
 /// Refused: a key of another team, a chain that is too long, an issuer without the role, a wrong issuer, a changed claim.

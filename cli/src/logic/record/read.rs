@@ -31,7 +31,7 @@ pub enum ReadError {
 }
 
 /// The sentence for a record from which the time of GO cannot be found.
-const NO_GO: &str = "when GO was is not known, so no entry has a time";
+const NO_GO: &str = "the time of GO is not known, so no entry has a time";
 /// How many cases of damage are described. Further cases are only counted.
 const NAMED_MAX: usize = 3;
 
@@ -59,12 +59,12 @@ impl Run {
         if bytes.starts_with(mcap::MAGIC) {
             reading.all();
         } else {
-            reading.tell("it does not begin as one".to_owned());
+            reading.tell("it does not begin as a record".to_owned());
         }
         reading.date();
         let damage = reading.damage();
         let foreign = || {
-            let why = damage.clone().unwrap_or_else(|| "its spec is not in it".to_owned());
+            let why = damage.clone().unwrap_or_else(|| "it does not contain its spec".to_owned());
             if is_record { ReadError::Damaged(why) } else { ReadError::Foreign(why) }
         };
         let about = reading.about.as_ref().ok_or_else(foreign)?;

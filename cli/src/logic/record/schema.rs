@@ -36,13 +36,17 @@ pub(crate) fn event() -> Value {
     object(
         "dca.Event",
         [
-            ("since_go", "number", "when it happened, in seconds since GO; 0 before"),
-            ("kind", "string", "what happened, in one word: `activated`, `done`, `aborted`, `stopped`, `go` ..."),
-            ("process", "string", "the path of the process to which it happened; empty if to all of them"),
-            ("host", "string", "the host at which it happened, if that is known"),
-            ("text", "string", "the same as a sentence"),
+            ("since_go", "number", "the time of the event, in seconds since GO; 0 before GO"),
+            (
+                "kind",
+                "string",
+                "the kind of the event, in one word: `activated`, `done`, `aborted`, `stopped`, `go` ...",
+            ),
+            ("process", "string", "the path of the process; empty for an event of all processes"),
+            ("host", "string", "the host of the event, if the host is known"),
+            ("text", "string", "the event as a sentence"),
             ("output", "string", "the last lines of a program that failed"),
-            ("report", "string", "the same as JSON, for `dca report`"),
+            ("report", "string", "the event as JSON, for `dca report`"),
         ],
     )
 }
@@ -53,7 +57,7 @@ pub(crate) fn log() -> Value {
     let mut schema = object(
         "foxglove.Log",
         [
-            ("level", "integer", "0: a program's output has none"),
+            ("level", "integer", "always 0: lines of a program's output have no level"),
             ("message", "string", "whole lines"),
             ("name", "string", "the path of the process"),
             ("file", "string", "unused"),
@@ -67,7 +71,7 @@ pub(crate) fn log() -> Value {
 /// Returns the schema for values that only the programs at both ends of the wire can read. No interface describes the
 /// values, or they do not match the interface.
 pub(super) fn port() -> Value {
-    let size = ("size", "integer", "how many bytes it is");
+    let size = ("size", "integer", "the size of the value in bytes");
     let mut schema = object("dca.Encoded", [size, ("bytes", "string", "the value, encoded with postcard")]);
     schema["properties"]["bytes"]["contentEncoding"] = json!("base64");
     schema

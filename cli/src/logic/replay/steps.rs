@@ -103,7 +103,7 @@ impl Recorded {
         each.extend((self.activations > ACTIVATIONS_MAX).then(|| "…".to_owned()));
         let (times, each) = (self.activations, each.join(", "));
         format!(
-            "{all} of {times} activations ({each}); each activation of the process plays those of the next one, so all are played only \
+            "{all} of {times} activations ({each}); each activation of the process plays the values of the next recorded activation, so all values are played only \
              if the mission activates it {times} times"
         )
     }

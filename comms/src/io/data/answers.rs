@@ -26,14 +26,14 @@ impl Answers {
         let sender = self.0.get_or_init(|| {
             let (sender, waiting) = sync_channel(WAITING_MAX);
             if let Err(error) = std::thread::Builder::new().name("answers".to_owned()).spawn(move || give(&waiting)) {
-                tracing::warn!(%error, "no thread could be started to answer on: a caller that fetches gets nothing");
+                tracing::warn!(%error, "the thread for answers cannot be started: a caller that fetches a value gets no answer");
             }
             sender
         });
         let sender = sender.clone();
         move |answer| {
             if let Err(TrySendError::Full(_)) = sender.try_send(answer) {
-                tracing::debug!("too many fetch at once: one gets no answer");
+                tracing::debug!("too many callers fetch values at once: one caller gets no answer");
             }
         }
     }

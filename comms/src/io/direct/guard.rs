@@ -98,7 +98,7 @@ impl Guard {
         if transcript.tag(&secrets.expected, End::Producer(process), pid) == tag {
             Ok(process)
         } else {
-            Err(refused("who listens there does not have the secret of this wire"))
+            Err(refused("the program that listens there does not have the secret of this wire"))
         }
     }
 }

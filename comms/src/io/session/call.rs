@@ -355,7 +355,7 @@ impl Replies {
             Err(_) if self.state == Stream::Silent => {
                 return Err(unanswered(&self.key, self.expect.as_deref()));
             }
-            Err(_) => return Err(self.broken("it went away in the middle, or the way to it did")),
+            Err(_) => return Err(self.broken("the program or the link to it was lost during the answer")),
         };
         let (sample, took) = reply.map_err(|error| self.without_answer(&error))?;
         let piece: Piece =

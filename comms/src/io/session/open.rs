@@ -243,7 +243,7 @@ impl Opened {
             return Ok(());
         }
         if locators.is_empty() {
-            return Err("it listens nowhere that can be reached from here".to_owned());
+            return Err("it does not listen on an address that can be reached from here".to_owned());
         }
         // Before the first attempt, so that the loss of a link right after it is noticed.
         let place = Place::told(locators.clone(), None);

@@ -190,14 +190,14 @@ impl Streams {
             Ok(Pull::First { stream, size }) => {
                 let asked = self.asked(&query, &stream.nonce(), None);
                 let made = self.make(stream, asked.question);
-                let Some(made) = made else { return refuse(&query, "it answers too many already") };
+                let Some(made) = made else { return refuse(&query, "it is already answering too many requests") };
                 let request = Request::new(&query, asked, Caller::Stream(Arc::clone(&made)));
                 made.ask(query, size);
                 pass(request, to_serve);
             }
             Ok(Pull::Next { stream, size }) => match self.find(&stream) {
                 Some(stream) => stream.ask(query, size),
-                None => refuse(&query, "it has given up an answer that was not fetched, or was started again"),
+                None => refuse(&query, "it has discarded an answer that was not fetched, or it was started again"),
             },
             Ok(Pull::Leave { stream }) => self.find(&stream).iter().for_each(|stream| stream.leave()),
             Err(error) => refuse(&query, &format!("the request cannot be read: {error}")),

@@ -200,7 +200,7 @@ impl Incoming {
         let end = self.end.clone()?;
         let is_whole = |mark: &[u8]| self.frames.is_between_frames() && *mark == self.tally.mark();
         let lacks = matches!(&end, End::Whole(mark) if !is_whole(mark));
-        Some(if lacks { End::Broken("some of them are missing".to_owned()) } else { end })
+        Some(if lacks { End::Broken("some of the answers are missing".to_owned()) } else { end })
     }
 }
 

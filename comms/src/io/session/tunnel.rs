@@ -47,7 +47,7 @@ const JUDGE_EVERY: Duration = Duration::from_secs(5);
 /// How many addresses of others are remembered.
 const MET_MAX: usize = 256;
 /// The reason for refusing a peer that has closed the connection before its identity was known.
-const HUNG_UP: &str = "it has hung up before it had said who it is";
+const HUNG_UP: &str = "it closed the connection before it had identified itself";
 /// How many bytes a tunnel reads at once.
 const BUFFER_SIZE: usize = 32 << 10;
 
@@ -213,7 +213,7 @@ impl Tunnels {
     ) -> Result<(String, String, PathBuf), String> {
         let (stream, peer, ends) = tokio::time::timeout(HANDSHAKE_WITHIN, self.meet(address, wanted))
             .await
-            .map_err(|_elapsed| "it does not say in time who it is".to_owned())??;
+            .map_err(|_elapsed| "it did not identify itself in time".to_owned())??;
         let (number, end) = self.enter(&peer, ends, &self.session)?;
         let path = self.path();
         let listener = UnixListener::bind(&path);
@@ -254,7 +254,7 @@ impl Tunnels {
             return;
         }
         let admitted = tokio::time::timeout(HANDSHAKE_WITHIN, self.examine(stream)).await;
-        let admitted = admitted.unwrap_or_else(|_elapsed| Err("it did not say in time who it is".to_owned()));
+        let admitted = admitted.unwrap_or_else(|_elapsed| Err("it did not identify itself in time".to_owned()));
         match admitted {
             Ok((stream, peer, ends)) => {
                 let Ok((number, end)) = self.enter(&peer, ends, &peer.session) else { return };

@@ -25,7 +25,7 @@ pub enum Refusal {
     #[error("it was sent without the lock")]
     NoLock,
     /// The command carries the number of a grant that is over.
-    #[error("it was sent under grant {number} of the lock, which is over: only {floor} and later ones may act")]
+    #[error("it was sent under grant {number} of the lock, which is over: only grant {floor} and later grants may act")]
     Over {
         /// The number of the command.
         number: u64,

@@ -68,7 +68,7 @@ pub enum Malformed {
         size_max: u64,
     },
     /// The message has the number 0, which is not valid.
-    #[error("its identifier has the number 0; the first one is 1")]
+    #[error("its identifier has the number 0; the first number is 1")]
     Number,
 }
 

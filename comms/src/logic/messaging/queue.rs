@@ -56,13 +56,13 @@ pub enum Receipt {
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Rejected {
     /// The queue is full.
-    #[error("{capacity} messages wait already")]
+    #[error("{capacity} messages are already waiting")]
     Full {
         /// The capacity of the queue.
         capacity: u64,
     },
     /// The message has another type.
-    #[error("the queue takes `{expected}`, and it is a `{found}`")]
+    #[error("the queue takes `{expected}`, and the message is a `{found}`")]
     WrongType {
         /// The type that the queue accepts.
         expected: String,
@@ -73,16 +73,16 @@ pub enum Rejected {
     #[error("{0}")]
     Malformed(Malformed),
     /// The message is so old that it is unknown whether it was taken.
-    #[error("it is so old that it may have been taken already")]
+    #[error("the message is so old that it may already have been taken")]
     TooOld,
     /// Too many senders are active.
-    #[error("too many senders are active at the queue")]
+    #[error("the queue has too many active senders")]
     Senders,
     /// The resource behind the queue refuses the message.
     #[error("{0}")]
     Fenced(Refusal),
     /// The program accepts nothing now: it is not active.
-    #[error("its program is idle")]
+    #[error("the program of the queue is idle")]
     Idle,
 }
 

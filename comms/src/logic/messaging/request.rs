@@ -26,10 +26,10 @@ pub enum RequestEnd {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum RequestFailure {
     /// There is no queue of that name.
-    #[error("there is no such queue")]
+    #[error("the queue does not exist")]
     Unknown,
     /// The queue has rejected the request.
-    #[error("the queue has turned it away: {0}")]
+    #[error("the queue has rejected the request: {0}")]
     Rejected(Rejected),
     /// No reply came in time. It is not known whether the request was received.
     #[error("no reply came in time")]

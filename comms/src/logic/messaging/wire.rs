@@ -210,13 +210,13 @@ pub enum Denied {
     #[error("a client with a higher priority has taken the lock")]
     Preempted,
     /// The client has released the lock.
-    #[error("the lock was let go")]
+    #[error("the lock was released")]
     Released,
     /// The server was restarted, and does not know that the client ever held the lock.
     #[error("the lock is not held: its server was started again")]
     NotHeld,
     /// Too many wait.
-    #[error("too many wait for the lock")]
+    #[error("too many clients wait for the lock")]
     TooManyWait,
 }
 

@@ -39,7 +39,7 @@ impl Lock {
         if self.asked.len() < ASKED_MAX {
             self.asked.push((request, reply));
         } else {
-            reply.refuse("too many ask for the lock".to_owned());
+            reply.refuse("too many clients ask for the lock".to_owned());
         }
     }
 
@@ -49,7 +49,7 @@ impl Lock {
         for (request, reply) in std::mem::take(&mut self.asked) {
             match self.handle(request) {
                 Some(answer) => reply.send(answer),
-                None => reply.refuse("the lock has no answer".to_owned()),
+                None => reply.refuse("the lock does not answer".to_owned()),
             }
         }
         let mut effects = Vec::new();

@@ -117,7 +117,7 @@ pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
     if !is_fit(data) {
         return Err(format!("a number of the `{}` is not finite", T::TYPE));
     }
-    postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))
+    postcard::to_stdvec(data).map_err(|cause| format!("cannot encode a value of type `{}`: {cause}", T::TYPE))
 }
 
 /// The fields of a message, except its data.
@@ -270,7 +270,7 @@ impl<T: Message> QueueClient<T> {
     /// If too many messages are in transit, or the data is too long.
     pub fn send_encoded(&mut self, now: Time, message: EncodedMessage, within: Duration) -> Result<u64, String> {
         if self.sending.len() >= SENDING_MAX {
-            return Err(format!("{SENDING_MAX} messages are on their way already"));
+            return Err(format!("{SENDING_MAX} messages are already being sent"));
         }
         let id = self.numbering.next();
         let message = message.numbered(id, &self.sender)?;

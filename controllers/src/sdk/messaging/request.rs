@@ -16,19 +16,19 @@ use thiserror::Error;
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum RequestFailure {
     /// The queue has rejected the request: it was not carried out.
-    #[error("the queue has turned it away: {0}")]
+    #[error("the queue has rejected the request: {0}")]
     Rejected(Rejected),
     /// No queue is available: the request was not carried out.
     #[error("there is no queue: {0}")]
     Unknown(ObjectError),
     /// The program of the queue was gone at each attempt: it is unknown whether the request was received.
-    #[error("who answers is gone")]
+    #[error("the program of the queue is gone")]
     Gone,
     /// The time limit has passed. It is unknown whether the request was carried out.
     #[error("no answer came in time")]
     Deadline,
     /// Too many requests are open, or this one is too long: the request was not sent.
-    #[error("it was not sent: {0}")]
+    #[error("the request was not sent: {0}")]
     NotSent(String),
 }
 

@@ -143,7 +143,7 @@ impl<T: Message> Router<T> {
         if self.asked.len() < ASKED_MAX {
             self.asked.push((subscription, reply));
         } else {
-            reply.refuse("too many subscribe at the same time");
+            reply.refuse("too many clients subscribe at the same time");
         }
     }
 

@@ -64,7 +64,7 @@ pub(super) fn compare(theirs: &TypeForm, output: &PortInterface) -> Result<(), S
         return Ok(());
     }
     Err(format!(
-        "output `{}` sends `{ours}`, but its consumer takes `{theirs}`: one of both programs was built from another definition",
+        "output `{}` sends `{ours}`, but its consumer takes `{theirs}`: one of the two programs was built with another definition",
         output.name
     ))
 }

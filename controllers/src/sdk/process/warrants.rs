@@ -54,7 +54,8 @@ impl Warrants {
         let Some(warrant) = warrant else {
             self.inbox.refuse(NO_WIRE, Refusal::Unsigned, Some(incoming.call.id.session.clone()));
             let name = &incoming.call.name;
-            let why = format!("in a team, to call `{name}` needs the key of a user who may {access} (`dca team key`)");
+            let why =
+                format!("in a team, a call of `{name}` needs the key of a user who may {access} (`dca team key`)");
             return refuse(incoming, why);
         };
         let digest = match call_digest(key, &incoming.call) {
@@ -103,7 +104,8 @@ impl Warrants {
 }
 
 /// Why a call is refused while the node is away.
-const NO_NODE: &str = "the node of this program is away, and cannot say whether you may call it; try again";
+const NO_NODE: &str =
+    "the node of this program is not connected, so it cannot check whether you may make this call; try again";
 
 fn refuse(incoming: IncomingCall, reason: String) {
     incoming.way.answer(Err(ObjectError::Refused { reason }));

@@ -145,7 +145,9 @@ impl DirStore {
         sync(parent(path))?;
         let life = match known {
             Some(life) => life,
-            None if was_there && witness::exists(path) => return Err(damaged(path, "it is empty, and was not")),
+            None if was_there && witness::exists(path) => {
+                return Err(damaged(path, "it is empty, but it was not empty before"));
+            }
             None => {
                 let life = Life::new().map_err(file_error)?;
                 store.apply(Some(life), &Batch::default())?;
@@ -175,7 +177,7 @@ impl DirStore {
     pub fn put_aside(path: &Path) -> Result<PathBuf, StoreError> {
         let name = |number| path.with_extension(format!("aside-{number}"));
         let free = (1..=ASIDE_MAX).map(name).find(|aside| !aside.exists());
-        let full = || io::Error::other("too many damaged stores lie beside it; look at them, and remove them");
+        let full = || io::Error::other("too many damaged stores are kept beside it; check and remove these stores");
         let aside = free.ok_or_else(|| file_error(path, full()))?;
         fs::rename(path, &aside).map_err(|cause| file_error(path, cause))?;
         sync(parent(path))?;

@@ -92,7 +92,7 @@ impl Authors {
         let holder = self.holder(origin, contents).ok_or(Doubt::Unknown)?;
         let is_signed = encoded.signature().is_some_and(|(digest, by)| notary.is_signed(&holder, &digest, by));
         if !is_signed {
-            return Err(Doubt::Forged(format!("`{}` has not signed what is said to be of it", holder.robot)));
+            return Err(Doubt::Forged(format!("`{}` has not signed a transaction in its name", holder.robot)));
         }
         self.known.insert(origin, holder);
         Ok(())

@@ -49,7 +49,7 @@ pub struct Checkpoints(VecDeque<Base>);
 pub enum AsOfError {
     /// The required transactions were dropped.
     #[error(
-        "what was before is not kept any more; the oldest moment that can be shown is {}",
+        "earlier states are no longer kept; the oldest moment that can be shown is {}",
         super::token::token(oldest)
     )]
     Compacted {
@@ -58,7 +58,7 @@ pub enum AsOfError {
     },
     /// Some of the transactions have not arrived here.
     #[error(
-        "this robot lacks some transactions that were seen at that moment ({}); ask again when it has arrived",
+        "this robot lacks some transactions that were seen at that moment ({}); ask again when they have arrived",
         super::token::token(missing)
     )]
     Ahead {
@@ -73,7 +73,7 @@ pub enum AsOfError {
     },
     /// Some changes were made while no clock was set, and by the requested date no dated transaction had seen them.
     #[error(
-        "what was there at that date cannot be told: {count} of the changes asked for have no date, since their robot's clock \
+        "the state at that date is not known: {count} of the requested changes have no date, since their robot's clock \
          was not set (the first is {first}, by `{by}`); ask for a later date, or for a version as `dca db version` prints it"
     )]
     Undated {

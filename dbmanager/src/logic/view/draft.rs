@@ -69,7 +69,7 @@ pub enum TxnError {
         term: u64,
     },
     /// Transactions must not write this namespace.
-    #[error("`{key}` is in a namespace that transactions do not write")]
+    #[error("`{key}` is in a namespace that transactions cannot write")]
     Reserved {
         /// The key.
         key: Key,
@@ -95,7 +95,7 @@ pub enum TxnError {
 fn way_out(what: &str) -> &'static str {
     match what {
         "writes" => "; write them in several transactions, as `dca db import` does with a long file",
-        "conditions" => "; require less, or do it in several transactions",
+        "conditions" => "; use fewer conditions, or several transactions",
         _ => "",
     }
 }

@@ -99,7 +99,8 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>, ahead: 
         for (index, sibling) in versions.iter().enumerate() {
             let Sibling { dot, value, by, when: at, reason } = sibling;
             let mark = if index + 1 == versions.len() { "shown" } else { "" };
-            let why = reason.as_deref().map_or("(why and when is not kept on this robot)".to_owned(), shortened);
+            let why =
+                reason.as_deref().map_or("(this robot has not kept the reason and the time)".to_owned(), shortened);
             rows.push(vec![shown(value.as_ref(), show), mark.to_owned(), by.clone(), when(*at), dot.to_string(), why]);
         }
         let (count, seen) = (versions.len(), conflict.seen());

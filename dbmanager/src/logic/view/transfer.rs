@@ -96,7 +96,7 @@ fn line(key: &Key, datum: &Datum) -> String {
 pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result<Import, TextError> {
     let File { below, values } = read(file)?;
     if absent == Absent::Delete && file.trim_end().lines().next_back() != Some(END) {
-        let what = "the file may have been cut off, so nothing is deleted that is not in it".to_owned();
+        let what = "the file may have been cut off, so keys that are not in it are not deleted".to_owned();
         return Err(text::at(file, file.len(), Fault::new(what, "the last line of a whole file is `# end`")));
     }
     let mut wanted: BTreeMap<Key, Option<(Datum, Value)>> =
@@ -197,21 +197,23 @@ fn read(file: &str) -> Result<File, TextError> {
         document.get_ref().iter().map(|(name, value)| (name.get_ref().as_ref(), value)).collect();
     if let Some((name, value)) = fields.iter().find(|(name, _)| !["format", "below", "values"].contains(*name)) {
         let hint = "keys with their values stand under [values], each key in quotes";
-        return Err(refuse(value.span().start, format!("`{name}` is not known here"), hint));
+        return Err(refuse(value.span().start, format!("`{name}` is not a known name"), hint));
     }
     match fields.get("format").map(|format| text::of_toml(file, format)).transpose()? {
         Some(Datum::Integer(FORMAT)) => {}
         Some(other) => {
             let at = fields.get("format").map_or(0, |format| format.span().start);
-            let hint = "a newer program can read it";
+            let hint = "a newer version of DCA can read it";
             return Err(refuse(at, format!("the file has format {other}, and this program reads {FORMAT}"), hint));
         }
-        None => return Err(refuse(0, "the file does not say its format".to_owned(), "it begins with `format = 1`")),
+        None => {
+            return Err(refuse(0, "the file does not say its format".to_owned(), "write `format = 1` first"));
+        }
     }
     let below = fields.get("below").map(|below| text::of_toml(file, below)).transpose()?;
     let Some(Datum::Text(below)) = below else {
-        let hint = "it says so by `below = \"team/\"`";
-        return Err(refuse(0, "the file does not say which keys it is about".to_owned(), hint));
+        let hint = "write for example `below = \"team/\"`";
+        return Err(refuse(0, "the file does not say which keys it contains".to_owned(), hint));
     };
     let mut values = BTreeMap::new();
     let Some(DeValue::Table(table)) = fields.get("values").map(|values| values.get_ref()) else {
@@ -221,8 +223,8 @@ fn read(file: &str) -> Result<File, TextError> {
         let at = name.span().start;
         let key = Key::new(name.get_ref().as_ref()).map_err(|error| refuse(at, error.to_string(), ""))?;
         if !is_about(&below, &key) {
-            let hint = "its `below` says which it is about; what the database itself writes (`sys/`) is never in it";
-            return Err(refuse(at, format!("`{key}` is not what the file is about"), hint));
+            let hint = "`below` names the prefix of its keys; keys that the database itself writes (`sys/`) are never in a file";
+            return Err(refuse(at, format!("`{key}` does not belong in this file"), hint));
         }
         let datum = text::of_toml(file, value)?;
         let stored = datum.encode().map_err(|error| refuse(value.span().start, error.to_string(), ""))?;

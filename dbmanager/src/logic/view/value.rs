@@ -73,13 +73,13 @@ pub struct Float(f64);
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum DatumError {
     /// More bytes than a key holds.
-    #[error("the value takes {size} bytes, more than {VALUE_SIZE_MAX}; give its parts keys of their own")]
+    #[error("the value takes {size} bytes, more than {VALUE_SIZE_MAX}; write its parts to separate keys")]
     Long {
         /// The size of the value as stored.
         size: usize,
     },
     /// Nested too deeply.
-    #[error("lists and tables lie more than {DEPTH_MAX} deep in each other; give its parts keys of their own")]
+    #[error("lists and tables are nested more than {DEPTH_MAX} levels deep; write the parts to separate keys")]
     Deep,
 }
 

@@ -132,7 +132,7 @@ impl Carrying<'_> {
             Phase::Running | Phase::Second | Phase::Stopping | Phase::Draining | Phase::Waiting => {}
         }
         if self.left == 0 {
-            return Err(self.misfit(o, "they are too large to compare"));
+            return Err(self.misfit(o, "the event actions are too large to compare"));
         }
         self.left -= 1;
         let misfit = match self.attempt(o, n, |me| me.place_same(o, n, calm)) {
@@ -210,7 +210,9 @@ impl Carrying<'_> {
             (Kind::Shield { bound: old_bound }, Kind::Shield { bound }) => {
                 let is_held_up = cell.phase == Phase::Second;
                 if is_held_up && old_bound.map(|bound| bound.after) != bound.map(|bound| bound.after) {
-                    return Err(self.misfit(o, "its `shield` holds up a stop with another limit"));
+                    return Err(
+                        self.misfit(o, "its `shield` delays a stop, and the limit of the `shield` is another one now")
+                    );
                 }
                 if let (true, Some(before), Some(bound)) = (is_held_up, old_bound, bound) {
                     self.draft.timers.insert(before.timer, bound.timer);
@@ -222,7 +224,7 @@ impl Carrying<'_> {
             }
             (Kind::Tagged(tag), Kind::Tagged(other)) if tag == other => self.place_operands(o, n, is_calm),
             (Kind::With(value), Kind::With(other)) if value == other => self.place_operands(o, n, is_calm),
-            (Kind::With(_), Kind::With(_)) => Err(self.misfit(o, "it has started with another value")),
+            (Kind::With(_), Kind::With(_)) => Err(self.misfit(o, "it was started with another value")),
             (Kind::Match { .. }, Kind::Match { .. }) => self.place_arm(o, n, is_calm),
             (Kind::Catch { .. }, Kind::Catch { .. }) => self.place_catch(o, n, is_calm),
             (Kind::Sequence, Kind::Sequence) => self.place_chain(o, n, Chain::Sequence, is_calm),
@@ -239,7 +241,7 @@ impl Carrying<'_> {
             (Kind::Repeat { .. }, Kind::Repeat { .. })
             | (Kind::Recurrent, Kind::Recurrent)
             | (Kind::Finally, Kind::Finally) => self.place_operands(o, n, is_calm),
-            _ => Err(self.misfit(o, "something else stands in its place")),
+            _ => Err(self.misfit(o, "the new event actions have another expression in its place")),
         }
     }
 
@@ -263,7 +265,7 @@ impl Carrying<'_> {
         let found = new.operands(n).zip(tags(new, n)).find(|(_, other)| *other == tag);
         match found {
             Some((other, _)) => self.place(arm, other, calm),
-            None => Err(self.misfit(arm, "the arm of its `match` is not there any more")),
+            None => Err(self.misfit(arm, "the arm of its `match` does not exist any more")),
         }
     }
 
@@ -282,7 +284,7 @@ impl Carrying<'_> {
         let found = new.operands(n).skip(1).zip(failures(new, n)).find(|(_, other)| *other == failure);
         match found {
             Some((other, _)) => self.place(arm, other, calm),
-            None => Err(self.misfit(arm, "the arm of its `else match` is not there any more")),
+            None => Err(self.misfit(arm, "the arm of its `else match` does not exist any more")),
         }
     }
 

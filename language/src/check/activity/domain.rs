@@ -57,7 +57,7 @@ impl ActivityReader<'_, '_> {
             [one] if one.text == "bool" => Some(Domain::Truth),
             [one] if one.text == "opaque" => Some(Domain::Opaque),
             [one] => {
-                let message = format!("`{}` is not what a variable of an activity can be", one.text);
+                let message = format!("`{}` is not a type for a variable of an activity", one.text);
                 let help = "write `bool`, a range such as `0..3`, names such as `slow | fast`, or `opaque`";
                 self.report(Diagnostic::new(Code::E0904, one.span, message).help(help));
                 None
@@ -67,7 +67,8 @@ impl ActivityReader<'_, '_> {
                 for (number, name) in (0_i64..).zip(&names).take(VALUES_MAX) {
                     let other = self.values.insert(name.text.clone(), number).filter(|other| *other != number);
                     if other.is_some() || all.contains(&name.text) {
-                        let message = format!("`{}` is a value already, at another place", name.text);
+                        let message =
+                            format!("`{}` is already the name of a value, at another position in a list", name.text);
                         self.report(Diagnostic::new(Code::E0110, name.span, message));
                     }
                     all.push(name.text.clone());

@@ -25,8 +25,8 @@ impl ActivityReader<'_, '_> {
             let more = if way.len() > NAMES_MAX { " -> ..." } else { "" };
             let message = format!("failures are tried again for ever: {}{more}", names.join(" -> "));
             let diagnostic = Diagnostic::new(Code::W0907, self.places[number].span, message);
-            let diagnostic = diagnostic.label("no condition on this way looks at anything that changes on it");
-            found.push(diagnostic.help("count the tries on this way, or wait on it: `on after 5 s -> STATE;`"));
+            let diagnostic = diagnostic.label("no condition on this path reads a variable that changes on the path");
+            found.push(diagnostic.help("count the tries on this path, or add a pause to it: `on after 5 s -> STATE;`"));
         }
         found
     }

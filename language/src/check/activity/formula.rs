@@ -246,8 +246,8 @@ impl ActivityReader<'_, '_> {
             return Some((Formula::Number(number), if is_truth { Sort::Truth } else { Sort::Number }));
         }
         if self.kept(&name.text).is_some() || self.interface.inputs.iter().any(|port| port.name.text == name.text) {
-            let message = format!("nothing here can look into `{}`", name.text);
-            let help = "a variable with a range, of type `bool` or with names can be looked at";
+            let message = format!("the content of `{}` cannot be read here", name.text);
+            let help = "only a variable with a range, of type `bool` or with names can be read";
             self.report(Diagnostic::new(Code::E0904, name.span, message).help(help));
             return None;
         }

@@ -33,7 +33,7 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, node: &Node, event: Op
         (None, None) => (None, None),
     };
     let Some(name) = name else {
-        let message = "this end names no outcome of the activity";
+        let message = "this `done` does not name an outcome of the activity";
         let help = format!("its outcomes are {}", known(&reader.interface.outcomes));
         reader.report(Diagnostic::new(Code::E0421, node.span(), message).help(help));
         return None;
@@ -44,8 +44,8 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, node: &Node, event: Op
         (Some(value), Some(_)) => reader.value_of(&value, event)?,
         (None, None) => ValueSource::Constant(Value::EMPTY),
         (None, Some(kind)) => {
-            let message = format!("the outcome `{}` has a value of type `{kind}`", name.text);
-            let help = format!("hand it on: `-> done({} v)`", name.text);
+            let message = format!("the outcome `{}` needs a value of type `{kind}`", name.text);
+            let help = format!("add the value: `-> done({} v)`", name.text);
             reader.report(Diagnostic::new(Code::E0904, name.span, message).help(help));
             return None;
         }

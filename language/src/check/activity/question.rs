@@ -25,9 +25,9 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, asking: &Node) -> Opti
     let state = state_of(reader, asking)?;
     let parent = reader.chart.states[state].parent.unwrap_or(0);
     if reader.chart.states[parent].kind == StateKind::Parallel {
-        let message = "the states of a `parallel state` are active together, so none of them is left for a question";
+        let message = "a question cannot stand directly in a `parallel state`, whose states are all active together";
         let diagnostic = Diagnostic::new(Code::E0902, asking.span(), message);
-        reader.report(diagnostic.help("ask in a state inside"));
+        reader.report(diagnostic.help("move the question to a state inside this state"));
         return None;
     }
     Some(Target::States(vec![state]))

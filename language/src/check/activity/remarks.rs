@@ -39,7 +39,7 @@ impl ActivityReader<'_, '_> {
                 .iter()
                 .position(|other| other.source == transition.source && other.guard.is_none() && covers(&other.trigger));
             if let Some(earlier) = earlier {
-                let message = "this transition is never taken: the one before it always is";
+                let message = "this transition is never taken, because an earlier transition is always taken instead";
                 let diagnostic = Diagnostic::new(Code::W0905, self.places[number].span, message);
                 found.push(diagnostic.reason(self.places[earlier].span, "taken instead"));
             }
@@ -78,7 +78,7 @@ impl ActivityReader<'_, '_> {
         let remark = |state: usize| {
             let name = &states[state].name;
             let place = self.names.get(name).map_or(root.span(), |(_, name)| name.span);
-            Diagnostic::new(Code::W0906, place, format!("nothing leads to the state `{name}`"))
+            Diagnostic::new(Code::W0906, place, format!("the state `{name}` is never entered"))
         };
         outermost.map(remark).collect()
     }

@@ -74,8 +74,8 @@ impl ActivityReader<'_, '_> {
         let mut runs = node.children_of(SyntaxKind::StateRun);
         let Some(run) = runs.next() else { return };
         if let Some(second) = runs.next() {
-            let message = "a state runs one expression";
-            let help = "run both beside each other: `run a, b;`";
+            let message = "a state can have only one `run`";
+            let help = "run both expressions together: `run a, b;`";
             self.report(Diagnostic::new(Code::E0902, second.span(), message).help(help));
         }
         let Some(first) = run.children().next() else { return };
@@ -83,9 +83,11 @@ impl ActivityReader<'_, '_> {
         let source = take_kept(&mut expression).map(ValueSource::Slot);
         self.chart.states[state].run = Some(source.unwrap_or(ValueSource::Constant(Value::EMPTY)));
         for name in left_over(&expression) {
-            let message = format!("`{}` can only start the whole run", name.text);
+            let message = format!("the value of `{}` can start only the whole run", name.text);
             let found = Diagnostic::new(Code::E0904, name.span, message).label("is a variable of the activity");
-            self.report(found.help(format!("write `run (...) with {};`, or run it in a state of its own", name.text)));
+            self.report(
+                found.help(format!("write `run (...) with {};`, or move this part to a state of its own", name.text)),
+            );
         }
         self.runs.push((state, expression));
     }
@@ -103,8 +105,8 @@ impl ActivityReader<'_, '_> {
         }
         let name = node.names().next().filter(|_| constant.is_none() && node.children().next().is_none());
         let Some(name) = name else {
-            let message = format!("`{}` is not a value that can be handed on", super::formula::text(node));
-            let help = "hand on a text, an opaque variable, or the value of the event";
+            let message = format!("`{}` cannot be kept or sent as a value", super::formula::text(node));
+            let help = "use a text, an opaque variable, or the value of the event";
             self.report(Diagnostic::new(Code::E0904, node.span(), message).help(help));
             return None;
         };
@@ -119,7 +121,8 @@ impl ActivityReader<'_, '_> {
             return Some(ValueSource::Constant(constant_value(constant)));
         }
         if self.variables.contains_key(&name.text) {
-            let message = format!("`{}` is a number here, and a program would not know how to read it", name.text);
+            let message =
+                format!("`{}` is a number of this activity, so it cannot be kept or sent as a value", name.text);
             self.report(Diagnostic::new(Code::E0904, name.span, message));
             return None;
         }
@@ -170,14 +173,14 @@ impl ActivityReader<'_, '_> {
         if let (Some(first), Some(second)) = (first, second) {
             let place = |state: usize| Head::of(&self.nodes[state]).map(|head| head.name.span);
             let (first_place, second_place) = (place(first)?, place(second)?);
-            let message = format!("`{}` begins in one state, and this is the second `initial` one", name.text);
+            let message = format!("`{}` can begin in only one state, but this is a second `initial` state", name.text);
             let diagnostic = Diagnostic::new(Code::E0902, second_place, message);
-            self.report(diagnostic.reason(first_place, "this is the first one"));
+            self.report(diagnostic.reason(first_place, "the first `initial` state"));
         }
         if first.is_none() {
             let message = match inner.is_empty() {
                 true => format!("`{}` has no states", name.text),
-                false => format!("`{}` does not say in which state it begins", name.text),
+                false => format!("`{}` has no `initial` state", name.text),
             };
             let diagnostic = Diagnostic::new(Code::E0902, name.span, message);
             self.report(diagnostic.help("write `initial state NAME { ... }`"));
@@ -188,7 +191,7 @@ impl ActivityReader<'_, '_> {
     fn history(&mut self, node: &Node, name: &Name, depth: History) -> Option<StateKind> {
         let target = node.child(SyntaxKind::Target).and_then(|target| target.names().next());
         let Some(target) = target else {
-            let message = format!("`{}` does not say where it leads at first", name.text);
+            let message = format!("the history `{}` does not name its default state", name.text);
             self.report(Diagnostic::new(Code::E0902, name.span, message).help("write `history NAME -> STATE;`"));
             return None;
         };

@@ -91,7 +91,7 @@ impl ActivityReader<'_, '_> {
     fn at_the_border(&mut self, node: &Node, state: usize, is_entry: bool) {
         let parts = [SyntaxKind::Target, SyntaxKind::Guard, SyntaxKind::Asking];
         if let Some(extra) = parts.into_iter().find_map(|part| node.child(part)) {
-            let message = "on entry and exit there are actions alone";
+            let message = "`on entry` and `on exit` can contain only actions";
             return self.report(Diagnostic::new(Code::E0902, extra.span(), message));
         }
         let actions = self.actions(node, None);
@@ -106,7 +106,7 @@ impl ActivityReader<'_, '_> {
         }
         let (place, has_run) = (trigger.span(), self.chart.states[state].run.is_some());
         match word {
-            "done" if !has_run => self.misfit(place, state, "runs nothing that could be done"),
+            "done" if !has_run => self.misfit(place, state, "has no `run`, so it is never done"),
             "done" => Some(self.done(node, trigger)),
             "aborted" => {
                 let failure = match trigger.child(SyntaxKind::Pattern) {
@@ -150,7 +150,7 @@ impl ActivityReader<'_, '_> {
             "complete" if matches!(self.chart.states[state].kind, StateKind::Compound { .. } | StateKind::Parallel) => {
                 plain(Trigger::Complete)
             }
-            "complete" => self.misfit(place, state, "has no states inside that could complete it"),
+            "complete" => self.misfit(place, state, "has no states inside, so it never completes"),
             _ => {
                 self.is_sound = false;
                 None
@@ -163,10 +163,11 @@ impl ActivityReader<'_, '_> {
         let time = self.group.reader().duration(constant)?;
         let diagnostic = match time {
             Duration::ZERO if word == "after" => {
-                Diagnostic::new(Code::E0009, constant.span(), "a timer of no time").help("write `on always`")
+                Diagnostic::new(Code::E0009, constant.span(), "the time of this timer is zero")
+                    .help("write `on always`")
             }
             _ if time < TIMER_LEAST => {
-                let message = "a supervisor keeps no timer shorter than 10 ms";
+                let message = "a timer cannot be shorter than 10 ms";
                 let word = if word == "every" { word } else { "after" };
                 Diagnostic::new(Code::E0904, constant.span(), message).help(format!("write `{word} 10 ms`"))
             }
@@ -215,8 +216,10 @@ impl ActivityReader<'_, '_> {
         match first.text.as_str() {
             "resume" if self.names.contains_key("resume") => {}
             "resume" if self.chart.states[state].kind != StateKind::Suspended => {
-                let message =
-                    format!("only a `suspended state` resumes, and `{}` is not one", self.chart.states[state].name);
+                let message = format!(
+                    "only a `suspended state` can resume, and `{}` is not a suspended state",
+                    self.chart.states[state].name
+                );
                 self.report(Diagnostic::new(Code::E0902, first.span, message));
                 return None;
             }

@@ -76,7 +76,9 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
             let found = Diagnostic::new(Code::E0011, token.span(), format!("this `exec` starts nothing: {why}"));
             reader
                 .diagnostics
-                .push(found.help("blanks separate words; write one that has blanks as `exec \"say 'good morning'\"`"));
+                .push(found.help(
+                    "blanks separate words; put quotes around a word with blanks: `exec \"say 'good morning'\"`",
+                ));
         }
         module.exec = Some(exec);
     } else if item.kind() == SyntaxKind::Environment {
@@ -130,9 +132,11 @@ fn add_start(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
         return;
     }
     if let Some(default) = &start.default {
-        let message =
-            format!("`{}` has no default: a process that is started without a value gets none", start.name.text);
-        reader.diagnostics.push(Diagnostic::new(Code::E0425, default.span, message).help("leave it away"));
+        let message = format!(
+            "`{}` cannot have a default: a process that is started without a value gets no value",
+            start.name.text
+        );
+        reader.diagnostics.push(Diagnostic::new(Code::E0425, default.span, message).help("remove the default"));
     }
     module.start = Some(Param { default: None, ..start });
 }

@@ -177,7 +177,7 @@ fn on_boot(node: &Node, diagnostics: &mut Diagnostics) -> Option<(OnBoot, Span)>
         "none" => OnBoot::None,
         "resume" => OnBoot::Resume,
         _ => {
-            let message = format!("`{}` is nothing that can be done after a reboot", word.text);
+            let message = format!("`{}` is not an action after a reboot", word.text);
             let help = "write `on_boot{none}` or `on_boot{resume}`";
             diagnostics.push(Diagnostic::new(Code::E0009, word.span, message).help(help));
             return None;
@@ -200,7 +200,7 @@ fn host(node: &Node, reader: &mut Reader<'_>) -> Option<Value> {
     let is_known = matches!(value.kind, ValueKind::Param(_)) || reader.scope.consts.contains_key(&name.text);
     if !is_known && !reader.scope.params.is_empty() && reader.diagnostics.count() == before {
         let message = format!("`{}` is not a parameter: it stands for the host of that name", name.text);
-        let help = format!("write `\"{}\"` if it is meant so", name.text);
+        let help = format!("if this host is meant, write `\"{}\"`", name.text);
         reader.diagnostics.push(Diagnostic::new(Code::W0106, name.span, message).help(help));
     }
     Some(value)
@@ -279,7 +279,7 @@ impl Instances {
 
 /// Reads the number of instances: `[4]`, or the name of a number.
 fn count_of(node: &Node, reader: &mut Reader<'_>) -> Option<usize> {
-    let what = format!("how many instances there are, from 1 to {}", index::COUNT_MAX);
+    let what = format!("the number of instances, from 1 to {}", index::COUNT_MAX);
     let count = Expected::new(1..=index::COUNT_MAX, what).read(node, reader)?;
     reader.diagnostics.may_replicate(count, node.span()).then_some(count)
 }

@@ -21,7 +21,7 @@ pub(super) fn program(module: &mut Module, node: &Node, reader: &mut Reader<'_>)
     let (script, venv) = (path(node, Python), path(node, Venv));
     let Some((script, span)) = script else {
         if let Some((_, span)) = venv {
-            refuse(span, "an environment is that of a program in Python: say which, with `python \"program.py\";`");
+            refuse(span, "`venv` needs a program in Python: add `python \"program.py\";`");
         }
         return;
     };
@@ -34,10 +34,10 @@ pub(super) fn program(module: &mut Module, node: &Node, reader: &mut Reader<'_>)
     };
     let Some(interpreter) = interpreter else {
         let (_, span) = venv.unwrap_or((String::new(), span));
-        return refuse(span, "the path of an environment is not empty, and has one kind of quotes at most");
+        return refuse(span, "the path of an environment cannot be empty or contain both kinds of quotes");
     };
     let Some(script) = word(&script).filter(|_| !script.is_empty()) else {
-        return refuse(span, "the path of a program is not empty, and has one kind of quotes at most");
+        return refuse(span, "the path of a program cannot be empty or contain both kinds of quotes");
     };
     let has_params = module.params.as_ref().is_some_and(|params| !params.is_empty());
     let says_nothing = module.ports.is_empty() && !has_params && !module.is_service && !module.has_end;
@@ -130,11 +130,11 @@ mod tests {
     #[test]
     fn what_starts_nothing_is_refused() {
         for (items, why) in [
-            ("venv \".venv\"; done;", "an environment is that of a program in Python"),
+            ("venv \".venv\"; done;", "`venv` needs a program in Python"),
             ("python \"a.py\"; exec \"a\"; done;", "a module is started by `exec` or by `python`, not by both"),
-            ("python \"\"; done;", "the path of a program is not empty"),
-            ("python \"a'b\\\"c.py\"; done;", "the path of a program is not empty"),
-            ("python \"a.py\"; venv \"\"; done;", "the path of an environment is not empty"),
+            ("python \"\"; done;", "the path of a program cannot be empty"),
+            ("python \"a'b\\\"c.py\"; done;", "the path of a program cannot be empty"),
+            ("python \"a.py\"; venv \"\"; done;", "the path of an environment cannot be empty"),
         ] {
             let (plan, found) = compiled(&format!("module Keep(reach) {{ {items} }}"), "");
             assert!(

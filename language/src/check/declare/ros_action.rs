@@ -33,31 +33,31 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         reader.diagnostics.push(help.into_iter().fold(found, |found, help| found.help(help)));
     };
     if node.child(Exec).is_some() || node.child(Python).is_some() || module.kind == LeafKind::Plain {
-        let message = "a module that is an action of ROS 2 has no program of its own";
+        let message = "a module that is an action of ROS 2 cannot have a program of its own";
         return refuse(Code::E0011, item.span(), message.to_owned(), None);
     }
     let has_params = module.params.as_ref().is_some_and(|params| !params.is_empty());
     if has_params || !module.ports.is_empty() || !module.outcomes.is_empty() || module.is_service {
         let message = format!(
-            "an action of ROS 2 ends by itself, and has the output `{FEEDBACK}`, no other port and no parameters"
+            "an action of ROS 2 ends by itself; its only port is the output `{FEEDBACK}`, and it has no parameters"
         );
         return refuse(
             Code::E0309,
             item.span(),
             message,
-            Some("leave out the ports, `service`, `done(...)` and all parameters but the host".to_owned()),
+            Some("remove the ports, `service`, `done(...)` and all parameters except the host".to_owned()),
         );
     }
     let written = token.content();
     let Some(name) = GraphName::parse(&written).filter(|name| written.starts_with('/') && is_short(name)) else {
         let message = format!("{written:?} is not the name of an action of ROS 2");
-        let help = "it begins with `/`, has words of letters, digits and `_` that do not begin with a digit, and at most 200 bytes";
+        let help = "a name begins with `/` and has at most 200 bytes; its words have letters, digits and `_`, and do not begin with a digit";
         return refuse(Code::E0309, token.span(), message, Some(help.to_owned()));
     };
     let Some(of) = library::actions().find(|action| action.spec() == kind.text) else {
         let known: Vec<String> = library::actions().map(|action| format!("`{}`", action.spec())).collect();
         let message = format!("`{}` is not a known action of ROS 2", kind.text);
-        return refuse(Code::E0309, kind.span, message, Some(format!("there are {}", known.join(" and "))));
+        return refuse(Code::E0309, kind.span, message, Some(format!("the known actions are {}", known.join(" and "))));
     };
     let has_limit = node.child(StopWithin).is_some();
     let wait = if has_limit { module.times.stop_within } else { STOP_WITHIN };

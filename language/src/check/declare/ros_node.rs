@@ -76,8 +76,8 @@ fn without_program(node: &Node) -> Result<(), Mistake> {
         Some((item.span(), word))
     });
     found.map_or(Ok(()), |(span, word)| {
-        let message = format!("`{word}` is for a program of ROS 2, and this module has none");
-        Err(fault(span, message, "say which program it is: `ros \"package executable\";`"))
+        let message = format!("`{word}` needs a program of ROS 2, and this module has no such program");
+        Err(fault(span, message, "name the program: `ros \"package executable\";`"))
     })
 }
 
@@ -87,7 +87,11 @@ fn program(module: &mut Module, node: &Node, item: &Node, reader: &mut Reader<'_
     let help = "write the package and the executable, as for `ros2 run`: `ros \"demo_nodes_cpp talker\";`";
     let all = words(&text.text).map_err(|why| fault(text.span, format!("this starts nothing: {why}"), help))?;
     let [package, executable, rest @ ..] = all.as_slice() else {
-        return Err(fault(text.span, "a program of ROS 2 is a package and an executable".to_owned(), help));
+        return Err(fault(
+            text.span,
+            "a program of ROS 2 needs the names of a package and of an executable".to_owned(),
+            help,
+        ));
     };
     for name in [package, executable] {
         let is_fit = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
@@ -130,12 +134,12 @@ fn program(module: &mut Module, node: &Node, item: &Node, reader: &mut Reader<'_
 fn check_module(module: &Module, node: &Node, item: &Node) -> Result<(), Mistake> {
     let others = [Exec, Python, RosAction].into_iter().any(|kind| node.child(kind).is_some());
     if others || module.kind == LeafKind::Plain {
-        let message = "a module that is a program of ROS 2 is not started in another way".to_owned();
-        let help = "leave out `exec`, `python`, `action` and `plain`";
+        let message = "a module that is a program of ROS 2 cannot also be started in another way".to_owned();
+        let help = "remove `exec`, `python`, `action` and `plain`";
         return Err(Mistake { code: Code::E0011, span: item.span(), message, help });
     }
     if !module.ports.is_empty() || !module.outcomes.is_empty() || module.start.is_some() {
-        let message = "a program of ROS 2 has no ports, no start value and no outcomes".to_owned();
+        let message = "a program of ROS 2 cannot have ports, a start value or outcomes".to_owned();
         let help =
             "connect the ports of other processes with its topics and services: `topic(\"/scan\") -> avoid.Scan;`";
         return Err(fault(item.span(), message, help));
@@ -149,7 +153,11 @@ fn check_launch(node: &Node) -> Result<(), Mistake> {
     let found = kinds.into_iter().find_map(|(kind, word)| Some((node.child(kind)?.span(), word)));
     found.map_or(Ok(()), |(span, word)| {
         let message = format!("a launch file starts nodes of its own, so `{word}` has no meaning for it");
-        Err(fault(span, message, "give the launch file an argument: the parameters of the module are its arguments"))
+        Err(fault(
+            span,
+            message,
+            "pass an argument to the launch file: each parameter of the module is such an argument",
+        ))
     })
 }
 
@@ -159,7 +167,7 @@ fn names(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
         let Told { text, span } = Told::of(&item);
         if !text.starts_with('/') || text.len() > 200 || GraphName::parse(&text).is_none() {
             let message = format!("{text:?} is not the name of a node of ROS 2");
-            let help = "it begins with `/` and has its namespace: `/robot1/controller_server`; words have letters, digits and `_`";
+            let help = "a name begins with `/` and its namespace: `/robot1/controller_server`; its words have letters, digits and `_`";
             return Err(fault(span, message, help));
         }
         exec.add("node", &text, span)?;
@@ -196,19 +204,19 @@ fn files(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
 fn lifecycle(module: &mut Module, node: &Node, reader: &mut Reader<'_>, exec: &mut Words) -> Result<(), Mistake> {
     let Some(item) = node.child(Lifecycle) else { return Ok(()) };
     if node.child(RosName).is_none() {
-        let message = "the lifecycle of a node is controlled by its services, and the name of the node is not known";
-        return Err(fault(item.span(), message.to_owned(), "say the name: `node \"/controller_server\";`"));
+        let message = "`lifecycle` needs the name of the node, because services with this name control the lifecycle";
+        return Err(fault(item.span(), message.to_owned(), "add the name: `node \"/controller_server\";`"));
     }
     if module.has_end {
-        let message = "a node with a lifecycle is active until it is stopped, so it does not end".to_owned();
-        return Err(fault(item.span(), message, "leave out `done`"));
+        let message = "a node with a lifecycle cannot have `done`: it is active until it is stopped".to_owned();
+        return Err(fault(item.span(), message, "remove `done`"));
     }
     let within = item.child(Constant).map(|node| reader.duration(&node));
     // A wrong time was already reported.
     let within = within.flatten().unwrap_or(LIFECYCLE_WITHIN);
     if within.is_zero() {
-        let message = "a node cannot be configured in no time".to_owned();
-        return Err(fault(item.span(), message, "say how long it may take: `lifecycle within 30 s;`"));
+        let message = "the time limit of `lifecycle` is zero".to_owned();
+        return Err(fault(item.span(), message, "write how long the configuration may take: `lifecycle within 30 s;`"));
     }
     module.is_service = true;
     module.times.ready_within = Some(within.saturating_add(PREPARE_WITHIN));
@@ -218,7 +226,7 @@ fn lifecycle(module: &mut Module, node: &Node, reader: &mut Reader<'_>, exec: &m
 fn check_path(text: &str, span: Span) -> Result<(), Mistake> {
     if text.is_empty() || text.contains(':') || text.chars().any(char::is_control) {
         let message = format!("{text:?} is not the path of a file");
-        return Err(fault(span, message, "a path here has no `:` and no control characters"));
+        return Err(fault(span, message, "this path cannot contain `:` or control characters"));
     }
     Ok(())
 }

@@ -38,7 +38,7 @@ mod tests {
         let text = "module Keep { python \"keep.py\"; }
             process main(){ host{c1} instantiated_processes{ a instof Keep(c1); b instof Keep(c1); }
             internal_event_actions{ a, b } }";
-        let why = "`Keep` does not tell its interface: it failed:\nTraceback\nNameError: no door";
+        let why = "`Keep` did not print its interface: it failed:\nTraceback\nNameError: no door";
         let failed =
             Source { name: "python3 'keep.py' Keep".into(), text: String::new(), role: Role::Missing(why.into()) };
         let found = |others: &[Source]| compile(&Source::new("a.dca", text), others, &Options::named("a"));
@@ -47,7 +47,7 @@ mod tests {
         let at = |one: usize| &text[compiled.diagnostics[one].primary.span.start as usize - 9..][..13];
         assert_eq!((at(0), at(1), compiled.diagnostics.len()), ("a instof Keep", "b instof Keep", 2));
         let first = &compiled.diagnostics[0];
-        assert_eq!((first.code, &*first.message), (Code::E0011, "`Keep` does not tell its interface: it failed"));
+        assert_eq!((first.code, &*first.message), (Code::E0011, "`Keep` did not print its interface: it failed"));
         assert_eq!(first.help, ["Traceback", "NameError: no door"]);
         // If the program was not asked, nothing is reported here.
         assert!(found(&[]).diagnostics.iter().all(|found| found.code != Code::E0011));

@@ -304,6 +304,6 @@ impl Specializer<'_, '_> {
 
 fn too_many(template: &Template) -> Diagnostic {
     let span = template.node.title().map_or(template.node.span(), |name| name.span);
-    let message = format!("groups are instantiated with more than {LEAVES_MAX} choices of their shape");
+    let message = format!("the groups of the spec are instantiated in more than {LEAVES_MAX} different shapes");
     Diagnostic::new(Code::E0701, span, message)
 }

@@ -68,7 +68,7 @@ fn arms(node: &Node, group: &mut Group<'_>) -> Vec<CatchArm> {
             continue;
         }
         if let Some(last) = arms.last().filter(|last| last.failure.is_none()) {
-            let message = "this arm stands behind `else`, which takes everything";
+            let message = "this arm is never taken: the `else` before it takes every failure";
             let found = Diagnostic::new(Code::W0422, span, message).label("never taken");
             let found = found.reason(last.span, "taken instead").help("put `else` last");
             group.diagnostics().push(found);

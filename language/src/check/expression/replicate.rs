@@ -32,11 +32,12 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
         if word.text != "each"
             && let Some(shared) = shared(&copy, &mut runs, value > start)
         {
-            let message = format!("one instance is run for each `{}`, all at the same time", variable.text);
+            let message =
+                format!("one instance would run several times at the same time, once for each `{}`", variable.text);
             let diagnostic = Diagnostic::new(Code::E0401, shared, message);
             group
                 .diagnostics()
-                .push(diagnostic.help(format!("run an instance of its own in each: `robot[{}]`", variable.text)));
+                .push(diagnostic.help(format!("run another instance for each value: `robot[{}]`", variable.text)));
             return None;
         }
         copies.push(copy);
@@ -58,7 +59,7 @@ pub(super) fn pool(
     group: &mut Group<'_>,
     copy: &mut dyn FnMut(&mut Group<'_>) -> Expr,
 ) -> Option<Vec<Expr>> {
-    let what = format!("how many may run at the same time, from 1 to {}", index::COUNT_MAX);
+    let what = format!("the number of copies that may run at the same time, from 1 to {}", index::COUNT_MAX);
     let expected = Expected { help: Some("write `found ::[3] handle`"), ..Expected::new(1..=index::COUNT_MAX, what) };
     let places = expected.read(count, &mut group.reader())?;
     let mut copies = Vec::new();
@@ -75,7 +76,9 @@ pub(super) fn pool(
         if let Some(shared) = shared(&copy, &mut runs, place > 0) {
             let message = format!("one instance would run up to {places} times at the same time");
             let diagnostic = Diagnostic::new(Code::E0401, shared, message).reason(span, "started again by each value");
-            group.diagnostics().push(diagnostic.help(format!("declare one for each: `name[{places}] instof ...`")));
+            group
+                .diagnostics()
+                .push(diagnostic.help(format!("declare an instance for each copy: `name[{places}] instof ...`")));
             return None;
         }
         copies.push(copy);
@@ -129,8 +132,9 @@ pub(super) fn run_of(node: &Node, name: Name, group: &mut Group<'_>) -> Option<(
         None | Some(_) if is_array && group.pool.is_some() && !is_number && !is_index(&brackets, group) => {
             let (place, count) = (group.pool.unwrap_or(0), group.names.arrays[&name.text]);
             if place >= count {
-                let message = format!("there are more places than the {count} of `{}`", name.text);
-                let help = format!("declare more of them, or write `::[{count}]`");
+                let message =
+                    format!("more copies may run at the same time than the {count} instances of `{}`", name.text);
+                let help = format!("declare more instances, or write `::[{count}]`");
                 group.diagnostics().push(Diagnostic::new(Code::E0203, name.span, message).help(help));
                 return None;
             }

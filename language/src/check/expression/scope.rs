@@ -45,7 +45,7 @@ fn report_unknown(name: &Name, group: &mut Group<'_>) {
     let diagnostic = match near.as_ref().and_then(|near| Some((near, declared(near)?))) {
         Some((near, known)) => diagnostic.reason(known.span, "declared here").rename(name.span, near),
         None => diagnostic.help(format!(
-            "declare it in the group: `resource {0};`, or have it handed to the group: a parameter `{0}: Resource`",
+            "declare it in the group: `resource {0};`, or add a parameter to the group: `{0}: Resource`",
             name.text
         )),
     };
@@ -92,7 +92,7 @@ pub(super) fn matching(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
         }
         known.insert(name.text.clone(), name.span);
         if let Some(last) = arms.last().filter(|last| last.tag.is_none()) {
-            let message = format!("`{}` stands behind `else`, which takes everything", name.text);
+            let message = format!("the arm `{}` is never taken: the `else` before it takes every outcome", name.text);
             let diagnostic = Diagnostic::new(Code::W0422, name.span, message).label("never taken");
             group.diagnostics().push(diagnostic.reason(last.body.span, "taken instead").help("put `else` last"));
             continue;

@@ -21,7 +21,7 @@ pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostic
     if let ExprKind::Retry(1.., _, part) = &expr.kind
         && !members.ends_of(part).aborted
     {
-        let message = "this is tried again only if it fails, and it cannot fail";
+        let message = "`retry` has no effect: the operand after it cannot fail";
         diagnostics.push(Diagnostic::new(Code::W0406, part.span, message).label("cannot fail"));
     }
     if let ExprKind::Disable(parts) = &expr.kind {
@@ -38,8 +38,8 @@ pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostic
 fn never_needed(part: &Expr, next: &Expr) -> Diagnostic {
     let is_question = matches!(next.kind, ExprKind::Skip) && next.span.end == next.span.start + 1;
     let (message, label) = match is_question {
-        true => ("`?` makes no difference: what stands before it cannot fail", "has no effect"),
-        false => ("what comes after `else` never starts: what stands before it cannot fail", "never starts"),
+        true => ("`?` makes no difference: the operand before it cannot fail", "has no effect"),
+        false => ("the operand after `else` never starts: the operand before it cannot fail", "never starts"),
     };
     let diagnostic = Diagnostic::new(Code::W0406, next.span, message).label(label);
     diagnostic.reason(part.span, "cannot fail")
@@ -80,22 +80,22 @@ fn is_over_at_once(expr: &Expr) -> bool {
 /// its start.
 fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
     let (other, message, label) = match parts.get(index + 1) {
-        Some(next) => (next, "this never starts: what stands before it is over at once", "never starts"),
+        Some(next) => (next, "this operand never starts: the operand before it ends at once", "never starts"),
         None => {
             let before = parts.get(index.checked_sub(1)?)?;
             (before, "this is stopped right after its start", "stopped at once")
         }
     };
     let diagnostic = Diagnostic::new(Code::W0406, other.span, message).label(label);
-    Some(diagnostic.reason(parts[index].span, "is over at once"))
+    Some(diagnostic.reason(parts[index].span, "ends at once"))
 }
 
 fn too_short(limit: Duration, earliest: Option<Duration>, whole: &Expr, part: &Expr) -> Option<Diagnostic> {
     let (whole, part) = (whole.span, part.span);
     if limit.is_zero() {
-        let message = "a limit of no time: this is stopped right after its start";
+        let message = "the limit is zero: this operand is stopped right after its start";
         let diagnostic = Diagnostic::new(Code::W0407, whole, message).label("always fails");
-        return Some(diagnostic.help("give it a time that it can be done in, such as `within 5 s`"));
+        return Some(diagnostic.help("set a limit that the operand can meet, such as `within 5 s`"));
     }
     let earliest = earliest.filter(|earliest| *earliest > limit)?;
     let message = format!("this takes at least {}, so it is never done within {}", time(earliest), time(limit));

@@ -28,7 +28,7 @@ pub(super) fn check(spec: &Spec, process: &Process, diagnostics: &mut Diagnostic
         let names = params.iter().map(|param| param.name.text.as_str());
         diagnostics.push(match params.is_empty() {
             true => diagnostic,
-            false => diagnostic.help(format!("it has {}", listed(names))),
+            false => diagnostic.help(format!("its parameters are {}", listed(names))),
         });
     }
 }

@@ -227,7 +227,7 @@ impl Walk<'_> {
         }
         let unknown: Vec<&Name> = until.iter().filter(|tag| !inner.tags.contains_key(&tag.text)).collect();
         for tag in &unknown {
-            let message = format!("what is repeated has no outcome `{}`", tag.text);
+            let message = format!("the repeated operand has no outcome `{}`", tag.text);
             let found = Diagnostic::new(Code::E0427, tag.span, message).label("never ends it");
             let found = found.reason(part.span, "is repeated");
             let near = self.diagnostics.near(&tag.text, inner.tags.keys().map(String::as_str));
@@ -244,9 +244,9 @@ impl Walk<'_> {
         }
         let is_left = |tag: &String| until.iter().all(|name| name.text != *tag);
         if unknown.is_empty() && inner.untagged.is_none() && !inner.tags.keys().any(is_left) {
-            let message = "this never repeats: every outcome that there is ends it";
+            let message = "this `repeat` never repeats: every outcome of its operand ends it";
             let found = Diagnostic::new(Code::W0428, part.span, message).label("runs once");
-            self.diagnostics.push(found.help("leave an outcome away, after which it runs again"));
+            self.diagnostics.push(found.help("remove an outcome after which the operand shall run again"));
         }
     }
 
@@ -255,7 +255,8 @@ impl Walk<'_> {
             return;
         }
         if start.tags.is_empty() {
-            let message = "no outcome can match: the previous part has none, or its value does not get here";
+            let message =
+                "no outcome can match: the previous part has no outcomes, or its value does not reach this `match`";
             let diagnostic = Diagnostic::new(Code::E0423, expr.span, message);
             let help = "write `process : match { ... }`, and `done(found | missing);` in the interface of the process";
             self.diagnostics.push(diagnostic.help(help));
@@ -274,7 +275,7 @@ impl Walk<'_> {
         let open: Vec<&String> = start.tags.keys().filter(|tag| !has_arm(tag)).collect();
         let rest = arms.iter().find(|arm| arm.tag.is_none());
         if let Some(rest) = rest.filter(|_| open.is_empty() && start.untagged.is_none()) {
-            let message = "every outcome has an arm already";
+            let message = "this `else` is never taken: every outcome already has an arm";
             self.diagnostics.push(Diagnostic::new(Code::W0422, rest.body.span, message).label("never taken"));
         }
         // A misspelt arm already explains a missing arm.

@@ -58,8 +58,8 @@ impl Asked<'_> {
     fn report(&self, reasons: Reasons<'_>) -> Option<(String, String)> {
         let Self { what, all, .. } = self;
         if *self.failure == Failure::Timeout && !reasons.has_limit {
-            let message = format!("{what} is never taken: nothing that runs here has a limit");
-            return Some((message, "give it one: `process within 5 s`".to_owned()));
+            let message = format!("{what} is never taken: no part that runs here has a limit");
+            return Some((message, "add a limit: `process within 5 s`".to_owned()));
         }
         let Failure::Failed(text) = self.failure else { return None };
         if reasons.texts.contains(text.as_str()) {
@@ -69,7 +69,7 @@ impl Asked<'_> {
         let texts: Vec<&str> = reasons.texts.into_iter().collect();
         let help = match texts.as_slice() {
             [] => format!(
-                "{all}, or give a `fail` or an `abort` inside this text; the words of a program are not looked at"
+                "{all}, or give a `fail` or an `abort` inside this text; the texts of a program's own reports are not compared"
             ),
             texts => format!("the texts of failures here are {}", listed(texts.iter().copied())),
         };

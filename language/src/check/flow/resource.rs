@@ -82,9 +82,9 @@ pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnost
         let waiting = all.iter().filter(is_beside).find_map(|other| Some((other, shared(other)?)));
         let Some((other, resource)) = waiting else { continue };
         let name = &process.resources[resource].text;
-        let message = format!("what has `{name}` here never ends by itself, and keeps it");
+        let message = format!("this part never ends by itself, so it keeps `{name}` for ever");
         let diagnostic = Diagnostic::new(Code::W0413, service.span, message);
-        diagnostics.push(diagnostic.reason(other.span, "waits for it all the while"));
+        diagnostics.push(diagnostic.reason(other.span, "waits for the same resource"));
     }
 }
 
@@ -134,16 +134,16 @@ impl Search<'_> {
 
 fn report(process: &Process, circle: &[&Nested]) -> Option<Diagnostic> {
     let name = |index: usize| process.resources[index].text.as_str();
-    let label = |part: &Nested| format!("waits for `{}` and has `{}`", name(part.wants), name(part.holds));
+    let label = |part: &Nested| format!("waits for `{}` and holds `{}`", name(part.wants), name(part.holds));
     let (last, others) = circle.split_last()?;
     let message = match others {
         [one] => {
             let (holds, wants) = (name(one.holds), name(one.wants));
-            format!("`{holds}` and `{wants}` are taken in both orders: each may wait for the other for ever")
+            format!("`{holds}` and `{wants}` are taken in both orders: two parts may wait for each other for ever")
         }
         _ => {
             let names = listed(circle.iter().map(|part| name(part.holds)));
-            format!("{names} are taken in a circle: each may wait for the next for ever")
+            format!("{names} are taken in a circle: each part may wait for the next part for ever")
         }
     };
     let mut diagnostic = Diagnostic::new(Code::W0413, last.span, message).label(label(last));
@@ -152,7 +152,7 @@ fn report(process: &Process, circle: &[&Nested]) -> Option<Diagnostic> {
     }
     let all: Vec<&str> = circle.iter().map(|part| name(part.holds)).collect();
     let all_at_once = if others.len() == 1 { "both" } else { "all" };
-    Some(diagnostic.help(format!("take {all_at_once} at once: `using({})`", all.join(", "))))
+    Some(diagnostic.help(format!("take {all_at_once} resources at once: `using({})`", all.join(", "))))
 }
 
 /// Finds nested `using`s.
@@ -187,12 +187,13 @@ impl Walk<'_> {
         for &wants in taken {
             if let Some(outer) = places.get(&wants) {
                 let name = &self.process.resources[wants].text;
-                let message =
-                    format!("`{name}` is held already by the part that waits for it here, so it never gets it");
+                let message = format!("`{name}` is never free here: the part around this one already holds it");
                 let diagnostic = Diagnostic::new(Code::E0413, span, message);
                 let help = match is_handed {
-                    true => "take it once: a group that is handed it has it as long as it runs",
-                    false => "take it once",
+                    true => {
+                        "take the resource only once: a group that is handed a resource holds it as long as the group runs"
+                    }
+                    false => "take the resource only once",
                 };
                 self.diagnostics.push(diagnostic.reason(*outer, "taken here").help(help));
             }

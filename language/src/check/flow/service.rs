@@ -104,14 +104,14 @@ impl<'a> Order<'a> {
                 self.check(&std::iter::once(&**source).chain(pool.first()).collect::<Vec<_>>());
             }
             ExprKind::Shield(None, part) if self.is_service(part) => {
-                let message = "a stop would wait for ever: what is shielded has no normal end";
+                let message = "a stop would wait for ever: the shielded operand has no normal end";
                 let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
                 self.diagnostics.push(diagnostic.help("give the shield a bound: `shield(10 s) process`"));
             }
             ExprKind::Finally(_, part) if self.is_service(part) => {
-                let message = "a stop would wait for ever: what `finally` runs has no normal end";
+                let message = "a stop would wait for ever: the operand after `finally` has no normal end";
                 let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
-                self.diagnostics.push(diagnostic.help("give it a limit: `finally (process within 10 s)`"));
+                self.diagnostics.push(diagnostic.help("set a limit: `finally (process within 10 s)`"));
             }
             ExprKind::Disable(parts) => {
                 for (index, part) in parts.iter().enumerate() {
@@ -174,21 +174,20 @@ impl<'a> Order<'a> {
     /// Makes the diagnostic for `next`, which follows `part`. `part` is done only after a fault, or never.
     fn never_started(&self, part: &Expr, next: &Expr, is_after_fault: bool) -> Diagnostic {
         if !self.is_service(part) {
-            let message = "this never starts: what stands before it is never done";
+            let message = "this operand never starts: the operand before it is never done";
             let diagnostic = Diagnostic::new(Code::W0405, next.span, message).label("never starts");
             return diagnostic.reason(part.span, "fails or is stopped, but is never done");
         }
         if is_after_fault {
-            let message = "what comes after a service starts only when something in the service has failed";
+            let message = "the operand after a service starts only when a part of the service has failed";
             let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("starts only after a failure");
             let diagnostic = diagnostic.reason(part.span, "has no normal end, but tolerates failures");
-            return diagnostic
-                .help("if this is a failover, tolerate the failure here, where it can be seen: `sensor? ; rest`");
+            return diagnostic.help("if this is a failover, tolerate the failure in this sequence: `sensor? ; rest`");
         }
-        let message = "what comes after a service never starts";
+        let message = "the operand after a service never starts";
         let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("never starts");
         let diagnostic = diagnostic.reason(part.span, "has no normal end");
-        diagnostic.help("run them together with `,`, or end the service with `# task`")
+        diagnostic.help("run both operands together with `,`, or end the service with `# task`")
     }
 
     /// Reports a group `sensor, threshold` in `group # arm` if it is unknown whether the sensor ends. If the sensor does not end and is not
@@ -206,9 +205,10 @@ impl<'a> Order<'a> {
         let label = format!("`,` waits for `{}`, and {kind} has no declared end", instance.name.text);
         let diagnostic =
             Diagnostic::new(Code::W0402, part.span, message).label(label).reason(operand.span, "used here");
-        let help =
-            format!("if {kind} runs for ever, say so: `module {kind} {{ service; }}`; then `,` ends with the others");
-        Some(diagnostic.help(help).help(format!("if it ends, say so: `module {kind} {{ done; }}`")))
+        let help = format!(
+            "if {kind} runs for ever, declare this: `module {kind} {{ service; }}`; then `,` does not wait for it"
+        );
+        Some(diagnostic.help(help).help(format!("if it ends by itself, declare this: `module {kind} {{ done; }}`")))
     }
 }
 

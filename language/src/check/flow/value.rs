@@ -40,11 +40,11 @@ impl<'a> Walk<'a> {
             }
             "the next step".to_owned()
         };
-        let message = format!("the value from before is dropped here: {} starts without it", name(next));
+        let message = format!("this step drops the value of an earlier step: {} starts without this value", name(next));
         let found = Diagnostic::new(Code::W0424, place, message).label("leaves no value");
         let found = found.reason(before.span, "leaves a value").reason(next.span, "gets no value");
         found.help(
-            "let the step that wants the value follow at once, as in `look : match { found => grasp, missing => ask }`",
+            "put the step that needs the value directly after the step that leaves it, as in `look : match { found => grasp, missing => ask }`",
         )
     }
 }

@@ -246,9 +246,11 @@ impl<'a> Exclusivity<'a> {
             }
             for writer in writers.iter().filter(|writer| reported.insert(writer.connection.span)) {
                 let path = &self.tree.leaves[*leaf as usize].path;
-                let message = format!("nothing sent here ever reaches `{path}`, `{port}`: they never run together");
+                let message = format!(
+                    "values sent here never reach `{path}`, `{port}`: the sender and the receiver never run at the same time"
+                );
                 let diagnostic = Diagnostic::new(Code::W0311, writer.connection.span, message);
-                let help = "run them in parallel, hand the value on with `:`, or keep the last value with `latch`";
+                let help = "run both in parallel, hand the value on with `:`, or keep the last value with `latch`";
                 diagnostics.push(diagnostic.help(help));
             }
         }
@@ -305,7 +307,7 @@ impl<'a> Exclusivity<'a> {
                             format!("`{device}` on `{host}` can be claimed by two processes at the same time");
                         let diagnostic = Diagnostic::new(Code::E0501, second, message).label(access(other));
                         let diagnostic = at(diagnostic.reason(first, access(one)), &places);
-                        diagnostics.push(diagnostic.help("run them in turn, or claim it `(read)`"));
+                        diagnostics.push(diagnostic.help("run the processes in turn, or claim the device `(read)`"));
                     }
                 }
             }

@@ -29,16 +29,19 @@ pub(super) fn check(spec: &Spec, tree: &Tree, name: &str, wires: &[Wire], diagno
 /// Returns the mistake in the instance itself, with advice.
 fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option<(String, &'static str)> {
     if runs_in.deployment == name {
-        return Some(("that is this deployment".to_owned(), "leave `runs_in` away: its program is started here"));
+        return Some((
+            "this is the name of the own deployment".to_owned(),
+            "remove `runs_in`: this deployment starts the program",
+        ));
     }
     if !runs_in.is_alone {
         let help = "write the other policies in the spec of that deployment";
-        return Some(("its other policies are for that deployment to say".to_owned(), help));
+        return Some(("only that deployment can set its other policies".to_owned(), help));
     }
     let is_host = |name: &str| name == "host";
     let rest = without_host(&instance.args);
     if rest.iter().any(|arg| arg.name.as_ref().is_none_or(|name| !is_host(&name.text))) {
-        return Some(("its arguments are for that deployment to say".to_owned(), "give its host alone"));
+        return Some(("only that deployment can set its arguments".to_owned(), "write only its host as an argument"));
     }
     let Target::Module(module) = instance.target else {
         let help = "declare its `module`, or deploy with the program that has it";
@@ -46,8 +49,8 @@ fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option
     };
     let module = &spec.modules[module];
     (!module.is_service).then(|| {
-        let why = format!("`{}` is not a service, and comes to its end there", module.name.text);
-        (why, "only a service is there for several missions")
+        let why = format!("`{}` is not a service, so the process ends there by itself", module.name.text);
+        (why, "only a service can be used by several missions")
     })
 }
 
@@ -55,17 +58,25 @@ fn own(spec: &Spec, instance: &Instance, runs_in: &RunsIn, name: &str) -> Option
 fn connected(wires: &[Wire], number: u32, leaf: &Leaf) -> Option<(String, &'static str)> {
     if let Some(keys) = leaf.keys.first() {
         let why = format!("its `{}` is connected with keys of the database", keys.port);
-        return Some((why, "connect them in the spec of that deployment"));
+        return Some((why, "connect these keys in the spec of that deployment"));
     }
     let help = "only its procedures and states can be connected: `task, Drive -> base, Drive;`";
     wires.iter().find_map(|wire| {
         if wire.from.leaf == number {
             return Some((
-                format!("`{}` is connected from it, and it sends and calls for its own deployment", wire.from.port),
+                format!(
+                    "its `{}` is connected as a source, but it sends and calls only for its own deployment",
+                    wire.from.port
+                ),
                 help,
             ));
         }
         let is_data = wire.to.leaf == number && wire.transfer != Transfer::Call;
-        is_data.then(|| (format!("`{}` is connected with it, and takes no data of others", wire.to.port), help))
+        is_data.then(|| {
+            (
+                format!("its `{}` is connected as a target, but it takes no data from other deployments", wire.to.port),
+                help,
+            )
+        })
     })
 }

@@ -31,7 +31,7 @@ fn is_meant(leaf: &Leaf) -> bool {
 fn obstacle(tree: &Tree, wires: &[Wire], number: u32, leaf: &Leaf, group: usize) -> Option<String> {
     let written = leaf.keys.iter().find(|keys| keys.is_write);
     if let Some(keys) = written {
-        return Some(format!("it writes `{}` of the database, and both would", keys.keys));
+        return Some(format!("it writes `{}` of the database, and both programs would write this key", keys.keys));
     }
     let is_its = |wire: &Wire| wire.from.leaf == number || wire.to.leaf == number;
     let port = |wire: &Wire| if wire.from.leaf == number { wire.from.port.clone() } else { wire.to.port.clone() };
@@ -46,5 +46,10 @@ fn obstacle(tree: &Tree, wires: &[Wire], number: u32, leaf: &Leaf, group: usize)
     let far = || (0_u32..).zip(wires).find(|(at, wire)| is_far(wire, *at)).map(|(_, wire)| port(wire));
     other(Transfer::Pull, "is pulled, and only values that are pushed can be handed over")
         .or_else(|| other(Transfer::Call, "is a call, and only values that are pushed can be handed over"))
-        .or_else(|| Some(format!("`{}` is connected by another group, whose supervisor knows nothing of it", far()?)))
+        .or_else(|| {
+            Some(format!(
+                "`{}` is connected by another group, whose supervisor does not know of the second program",
+                far()?
+            ))
+        })
 }

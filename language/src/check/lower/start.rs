@@ -57,7 +57,7 @@ impl<'a> Starts<'a> {
 
 fn misfit(param: Option<&Param>, value: &spec::Value) -> Diagnostic {
     if let Some((param, kind)) = param.and_then(|param| Some((param, param.kind.as_ref()?))) {
-        let message = format!("`{}` is of type {kind}, and this value is not", param.name.text);
+        let message = format!("`{}` is of type {kind}, but this value has another type", param.name.text);
         return Diagnostic::new(Code::E0213, value.span, message).reason(param.name.span, "declared here");
     }
     let message = "the program does not declare the type of its start value";

@@ -56,7 +56,7 @@ impl Topics {
             let leaf = &tree.leaves[end.leaf as usize];
             let policy = &leaf.policy;
             if policy.replacement == Replacement::Overlap {
-                let message = format!("`{}` is connected with ROS 2, so nothing can overlap with it", leaf.path);
+                let message = format!("`{}` is connected with ROS 2, so two of its programs cannot overlap", leaf.path);
                 self.problems.push(Diagnostic::new(Code::E0309, connection.span, message));
             }
             let TopicConnection { name, qos, way, span, .. } = connection.clone();
@@ -98,7 +98,7 @@ impl Topics {
         let routes = &mut self.bridges[bridge].routes;
         if routes.iter().all(|(other, _)| *other != route) {
             if routes.len() == ROUTES_MAX {
-                let message = format!("one host has at most {ROUTES_MAX} topics and services");
+                let message = format!("the connections of one host can have at most {ROUTES_MAX} topics and services");
                 self.problems.push(Diagnostic::new(Code::E0309, span, message));
                 return None;
             }

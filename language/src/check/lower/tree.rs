@@ -179,7 +179,8 @@ impl Builder<'_> {
             None => {
                 let is_activity = source.actions.as_ref().is_some_and(|it| matches!(it.kind, ExprKind::Chart(_)));
                 if !self.tree.groups.is_empty() && !is_activity && self.hostless.insert(process) {
-                    let message = format!("`{}` names no host: it takes that of the group around it", source.name.text);
+                    let message =
+                        format!("`{}` names no host, so it runs on the host of the group around it", source.name.text);
                     self.diagnostics.push(Diagnostic::new(Code::W0105, source.name.span, message));
                 }
                 outer
@@ -363,7 +364,9 @@ fn kind_of(instance: &Instance) -> String {
 
 fn nameless(span: Span) -> Diagnostic {
     let diagnostic = Diagnostic::new(Code::E0216, span, "the name of the parameter for this value is not known");
-    diagnostic.help("give it by name: `name = 5`; the fields of `name = { ... }` become arguments such as `name.field`")
+    diagnostic.help(
+        "give the value by name: `name = 5`; the fields of `name = { ... }` become arguments such as `name.field`",
+    )
 }
 
 fn not_a_host(span: Span, path: &str, found: &Data) -> Diagnostic {
@@ -372,7 +375,7 @@ fn not_a_host(span: Span, path: &str, found: &Data) -> Diagnostic {
         Data::Plain(..) | Data::Record(_) => None,
     };
     let message = match problem {
-        Some(problem) => format!("no node can have the name of the host of `{path}`: {problem}"),
+        Some(problem) => format!("the host of `{path}` has a name that no node can have: {problem}"),
         None => format!("the host of `{path}` is not a name"),
     };
     Diagnostic::new(Code::E0107, span, message).help("write a name or a string: `c1`, `\"c1.example\"`")

@@ -16,7 +16,7 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
     let data = if ends[0] == Some(false) { from_name } else { to_name };
     if ends.contains(&Some(false)) {
         let other = if data == from_name { to_name } else { from_name };
-        return Some(error(format!("`{data}` is a port of data, but `{other}` is for calls")));
+        return Some(error(format!("`{data}` is a port for data, but `{other}` is a port for calls")));
     }
     let is_wrong = |port: Option<&Port>, direction| port.is_some_and(|port| port.direction == direction);
     if is_wrong(from, Direction::In) && is_wrong(to, Direction::Out) {
@@ -25,10 +25,10 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
         return Some(diagnostic.help("exchange its ends: a call goes from the caller to the called process"));
     }
     if is_wrong(from, Direction::In) {
-        return Some(error(format!("nothing calls here: `{from_name}` is called, too")));
+        return Some(error(format!("this connection has no caller: `{from_name}` is also a called port")));
     }
     if is_wrong(to, Direction::Out) {
-        return Some(error(format!("nothing is called here: `{to_name}` calls, too")));
+        return Some(error(format!("this connection has no called port: `{to_name}` is also a caller")));
     }
     not_plain(connection)
 }
@@ -36,7 +36,7 @@ pub(super) fn mixed(connection: &Connection, from: Option<&Port>, to: Option<&Po
 /// Returns the reason if a call cannot be connected in this way. Only connections of values have a quality.
 pub(super) fn not_plain(connection: &Connection) -> Option<Diagnostic> {
     let is_plain = connection.transfer != Transfer::Pull && connection.quality == Quality::default();
-    let message = "a call has no `pull`, `latch`, `queue` or `rate`";
+    let message = "a connection for calls cannot have `pull`, `latch`, `queue` or `rate`";
     (!is_plain).then(|| Diagnostic::new(Code::E0307, connection.span, message))
 }
 
@@ -65,10 +65,10 @@ pub(super) fn check_types(
         let diagnostic = Diagnostic::new(code, connection.span, message);
         found.push(match forms {
             Some((one, other)) => diagnostic
-                .reason(one.name.span, format!("at one end: {}", one.kind))
-                .reason(other.name.span, format!("at the other: {}", other.kind))
+                .reason(one.name.span, format!("the type at one end: {}", one.kind))
+                .reason(other.name.span, format!("the type at the other end: {}", other.kind))
                 .help("values are sent field by field: declare the same fields, in the same order"),
-            None => diagnostic.reason(from.name.span, "what calls").reason(to.name.span, "what is called"),
+            None => diagnostic.reason(from.name.span, "the caller").reason(to.name.span, "the called port"),
         });
     };
     let takes = if answers.role == CallRole::State { "is a state and takes" } else { "takes" };

@@ -17,9 +17,9 @@ pub(super) fn is_program(connection: &KeyConnection) -> bool {
 
 /// Returns the reason if a program cannot be connected with keys.
 pub(super) fn check_program(connection: &KeyConnection) -> Option<Diagnostic> {
-    let error = || Diagnostic::new(Code::E0308, connection.span, "a program reads keys without a connection");
+    let error = || Diagnostic::new(Code::E0308, connection.span, "a program does not need a connection to read keys");
     let is_read = !connection.is_write;
-    is_read.then(|| error().help(format!("what it may write is `robot, {DATABASE} -> db(\"team/flat/claim/**\");`")))
+    is_read.then(|| error().help(format!("to allow writing, write `robot, {DATABASE} -> db(\"team/flat/claim/**\");`")))
 }
 
 /// Returns the reason if a port cannot be connected with keys.
@@ -30,10 +30,10 @@ pub(super) fn check(connection: &KeyConnection, port: &Port) -> Option<Diagnosti
         diagnostic.reason(port.name.span, "declared here")
     };
     let (direction, types, what) = match connection.is_write {
-        true => (Direction::Out, &PUTS[..], "the database puts what an output sends"),
+        true => (Direction::Out, &PUTS[..], "the database stores the values of an output"),
         false => (Direction::In, &HEARS[..], "the database sends to an input"),
     };
-    let outside = OutsideEnd { direction, what, not_called: "the database is not called" };
+    let outside = OutsideEnd { direction, what, not_called: "only values can be connected with the database" };
     if let Some(diagnostic) = outside.misfit(name, port, error) {
         return Some(diagnostic);
     }
@@ -41,5 +41,5 @@ pub(super) fn check(connection: &KeyConnection, port: &Port) -> Option<Diagnosti
     let fits = types.contains(&kind.as_str());
     let known: Vec<String> = types.iter().map(|name| format!("`{name}`")).collect();
     let message = || format!("`{}` is of type `{kind}`, but {what} of type {}", name.text, known.join(" or "));
-    (!fits).then(|| error(message()).help("controllers have these types from the SDK"))
+    (!fits).then(|| error(message()).help("the SDK declares these types for controllers"))
 }

@@ -32,16 +32,19 @@ impl Interfaces<'_> {
     /// activity never fetches.
     pub(super) fn pulled(&self, connection: &Connection, to: Option<&Port>) -> Option<Diagnostic> {
         let to = to.filter(|to| connection.transfer == Transfer::Pull && self.messages.contains(&to.name.span))?;
-        let message = format!("`{}` takes messages as they come, and an activity fetches nothing", to.name.text);
+        let message =
+            format!("`{}` takes each message when it arrives; an activity cannot fetch messages", to.name.text);
         let diagnostic = Diagnostic::new(Code::E0304, connection.span, message);
-        Some(diagnostic.reason(to.name.span, "declared here").help("leave `pull` away"))
+        Some(diagnostic.reason(to.name.span, "declared here").help("remove `pull`"))
     }
 
     /// Returns the reason if a port of an activity is connected with the database or with ROS 2, which is not possible.
     pub(super) fn outside(&self, port: &Port, endpoint: &Endpoint, code: Code) -> Option<Diagnostic> {
-        let message = || format!("`{}` is a port of an activity, which only other processes reach", port.name.text);
+        let message = || {
+            format!("`{}` is a port of an activity, so only other processes can be connected with it", port.name.text)
+        };
         let found =
             self.messages.contains(&port.name.span).then(|| Diagnostic::new(code, endpoint.port.span, message()))?;
-        Some(found.reason(port.name.span, "declared here").help("connect a program between the two"))
+        Some(found.reason(port.name.span, "declared here").help("put a program between both ends"))
     }
 }

@@ -32,11 +32,11 @@ fn check_topic(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> 
     let name = &connection.endpoint.port;
     let error = |message: String| Diagnostic::new(Code::E0309, name.span, message);
     let (direction, what) = if connection.way == Way::ToRos {
-        (Direction::Out, "the topic has the values of an output")
+        (Direction::Out, "the topic publishes the values of an output")
     } else {
         (Direction::In, "the topic sends to an input")
     };
-    let outside = OutsideEnd { direction, what, not_called: "a topic has messages" };
+    let outside = OutsideEnd { direction, what, not_called: "only values can be connected with a topic" };
     if let Some(diagnostic) = outside.misfit(name, port, error) {
         return Some(diagnostic);
     }
@@ -46,7 +46,7 @@ fn check_topic(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> 
     let kind = port.kind.as_ref();
     let is = kind.map_or_else(|| "has no type".to_owned(), |kind| format!("is of type `{kind}`"));
     let diagnostic = error(format!("`{}` {is}, but a topic has messages of ROS 2", name.text));
-    Some(diagnostic.help("give it the type of a standard message, such as `ros.geometry.Twist`"))
+    Some(diagnostic.help("declare the port with the type of a standard message, such as `ros.geometry.Twist`"))
 }
 
 fn check_service(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> {
@@ -54,16 +54,16 @@ fn check_service(connection: &TopicConnection, port: &Port) -> Option<Diagnostic
     let error = |message: String| Some(Diagnostic::new(Code::E0309, name.span, message));
     let is_call = connection.way == Way::Call;
     match port.call {
-        None => return error(format!("`{}` is a port of data, and a service is called", name.text)),
+        None => return error(format!("`{}` is a port for data, but a service needs a port for calls", name.text)),
         Some(Call { role: CallRole::State, .. }) => {
-            return error(format!("`{}` is a state, and a service is a procedure", name.text));
+            return error(format!("`{}` is a state, but a service needs a procedure", name.text));
         }
         Some(Call { role: CallRole::Caller, .. }) if !is_call => {
-            let why = format!("`{}` calls, and the service is answered by a procedure", name.text);
+            let why = format!("`{}` is a caller, but a procedure has to answer the service", name.text);
             return error(why).map(|found| found.help("exchange the ends of the connection"));
         }
         Some(Call { role: CallRole::Procedure, .. }) if is_call => {
-            let why = format!("`{}` is called, and the service answers a call", name.text);
+            let why = format!("`{}` is called, but the service needs a caller", name.text);
             return error(why).map(|found| found.help("exchange the ends of the connection"));
         }
         Some(_) => {}
@@ -71,7 +71,10 @@ fn check_service(connection: &TopicConnection, port: &Port) -> Option<Diagnostic
     if type_of(port).is_some() {
         return None;
     }
-    let found = error(format!("`{}` has not the request and the response of a standard service of ROS 2", name.text));
+    let found = error(format!(
+        "the types of `{}` are not the request and the response of a standard service of ROS 2",
+        name.text
+    ));
     let example = "`ros.std_srvs.Trigger_Request` as its argument and `ros.std_srvs.Trigger_Response` as its result";
     found.map(|found| found.help(format!("for example {example}")))
 }

@@ -40,10 +40,11 @@ pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
                 }
                 let (name, inside) = (&process.resources[held.resource].text, &held.inside);
                 let (member, kind) = (&process.instances[run.slot].name.text, &spec.processes[target].name.text);
-                let message = format!("`{member}` has `{name}` as long as it runs, also while it does not use it");
+                let message =
+                    format!("`{member}` holds `{name}` as long as it runs, even while it does not use the resource");
                 let diagnostic = Diagnostic::new(Code::W0414, run.span, message);
-                found.push(diagnostic.reason(other.span, "waits until all of it has ended").help(format!(
-                    "hand `{name}` to a group of its users alone; or write `using({inside})` around all that `{kind}` does"
+                found.push(diagnostic.reason(other.span, "waits for the end of the whole group").help(format!(
+                    "give `{name}` to a group that has only its users, or write `using({inside})` around the whole body of `{kind}`"
                 )));
             }
         }

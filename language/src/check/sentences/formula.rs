@@ -21,7 +21,7 @@ pub(super) fn read(sentence: &mut Words, names: &Names<'_>) -> Read<Formula> {
     let Some(mut words) = sentence.string() else { return Err(unreadable(sentence.want("a formula in quotes"))) };
     if words.count_all() > WORDS_MAX {
         let message = format!("this formula has {} words and signs", words.count_all());
-        let help = format!("at most {WORDS_MAX} can be read: write several sentences");
+        let help = format!("at most {WORDS_MAX} are allowed: write several sentences");
         return Err(Box::new(Diagnostic::new(Code::E0801, words.span(), message).help(help)));
     }
     let formula = same(&mut words, names)?;
@@ -102,8 +102,8 @@ fn one(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
         return Ok(inner);
     }
     if words.at("X") {
-        let found = Diagnostic::new(Code::E0801, words.place(), "there is no `X`");
-        let help = "how many steps lie between two events is not fixed: say it with `U`, `W` or `F`";
+        let found = Diagnostic::new(Code::E0801, words.place(), "the operator `X` (next step) is not supported");
+        let help = "the number of steps between two events is not fixed: use `U`, `W` or `F`";
         return Err(Box::new(found.help(help)));
     }
     for constant in [true, false] {

@@ -32,7 +32,7 @@ impl Names<'_> {
         let (who, event) = self.path(words)?;
         match event {
             None => Ok(who),
-            Some(_) => Err(unreadable(words.want("a process, not what happens to it"))),
+            Some(_) => Err(unreadable(words.want("a process without an event"))),
         }
     }
 
@@ -117,7 +117,9 @@ impl Names<'_> {
         let process = member.map_or(group.process.as_str(), |member| member.name.as_str());
         let found = Diagnostic::new(Code::E0802, span, format!("`{process}` has no outcome `{name}`"));
         if known.is_empty() {
-            return Err(Box::new(found.help("its module declares none: `done(found | missing);`")));
+            return Err(Box::new(
+                found.help("its module declares no outcomes; an example is `done(found | missing);`"),
+            ));
         }
         known.sort_unstable();
         known.dedup();
@@ -177,7 +179,7 @@ impl Names<'_> {
 
     fn unknown(&self, words: &Words, name: &str, span: Span, inside: Option<u32>) -> Box<Diagnostic> {
         let Some(group) = inside else {
-            let message = format!("`{name}` is nothing that happens to a process");
+            let message = format!("`{name}` is not an event of a process");
             let mut all: Vec<String> = last_words(words).map(|word| format!("`{word}`")).collect();
             let last = all.pop().unwrap_or_default();
             let help = format!("{} or {last}", all.join(", "));

@@ -115,7 +115,7 @@ impl TypeChecker<'_> {
             self.wrong(
                 param,
                 value.span,
-                format!("`{name}` has to be a {kind}: a secret is for one of type Secret, or without a type"),
+                format!("`{name}` has to be a {kind}: a secret needs a parameter of type Secret, or without a type"),
             );
         } else if refused.contains(&kind) && kind == unit::SECRET {
             self.wrong(

@@ -117,7 +117,7 @@ impl Walk<'_> {
             State::Refused
         } else if fields > FIELDS_MAX {
             let message =
-                format!("`{name}` has {fields} fields, with those of the records in it; the limit is {FIELDS_MAX}");
+                format!("`{name}` has {fields} fields, including the fields of its records; the limit is {FIELDS_MAX}");
             self.diagnostics.push(Diagnostic::new(Code::E0702, span, message));
             State::Refused
         } else {
@@ -140,7 +140,7 @@ impl Walk<'_> {
         for other in others {
             diagnostic = diagnostic.reason(step(other), "goes on here");
         }
-        self.diagnostics.push(diagnostic.help("a value of it would have no end"));
+        self.diagnostics.push(diagnostic.help("a value of this type would have no end"));
         for (named, _) in circle {
             self.states[named] = State::Refused;
         }
@@ -194,7 +194,7 @@ fn report_ros(spec: &Spec, diagnostics: &mut Diagnostics) {
         let found = match diagnostics.near(name, known.iter().map(String::as_str)) {
             Some(near) => misspelt(kind, name, &near),
             None => Diagnostic::new(Code::W0206, kind.span, format!("`{name}` is not a standard message of ROS 2"))
-                .help("`dca echo` and records show its values as bytes"),
+                .help("`dca echo` and records show values of this type as bytes"),
         };
         diagnostics.push(found);
     }

@@ -107,7 +107,7 @@ impl Walk<'_> {
         for other in others {
             diagnostic = diagnostic.reason(step(other).name.span, "goes on here");
         }
-        let help = format!("to do it again and again, run `{0} ;; {0}` in the group around it", "p");
+        let help = format!("to repeat a process, run `{0} ;; {0}` in the group around it", "p");
         self.found.push(diagnostic.help(format!("instantiate another type here; {help}")));
     }
 }

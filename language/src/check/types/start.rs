@@ -92,11 +92,11 @@ impl StartCheck<'_> {
             (one, other) => one.is_some() != other.is_some(),
         };
         if let Some((_, other)) = declared.iter().find(is_other) {
-            let message = "one value for programs that take values of different types";
+            let message = "one start value is given to programs that take values of different types";
             let found = Diagnostic::new(Code::E0425, value.span, message);
             let found =
                 found.reason(start.name.span, "this program takes one").reason(other.name.span, "this one another");
-            self.diagnostics.push(found.help("give each of them its own: `a with 1 m, b with 2 N`"));
+            self.diagnostics.push(found.help("give each program its own value: `a with 1 m, b with 2 N`"));
             return;
         }
         if let Some(unwritten) = first.as_ref().and_then(|(_, kind)| unwritten(self.spec, kind)) {
@@ -123,9 +123,11 @@ fn given(expr: &Expr) -> Option<Span> {
 }
 
 fn twice(before: &Expr, value: Span) -> Diagnostic {
-    let message = "two start values: `:` gives one, and `with` another one";
+    let message = "two start values: `:` gives one value, and `with` gives another value";
     let found = Diagnostic::new(Code::E0426, value, message).label("this one is used");
-    found.reason(before.span, "the value of this one is lost").help("write `;` instead of `:` if it leaves no value")
+    found
+        .reason(before.span, "the value of this one is lost")
+        .help("write `;` instead of `:` if the previous part leaves no value")
 }
 
 /// Makes the diagnostic for a start value if no program that the expression starts takes one.
@@ -140,16 +142,16 @@ fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
     names.sort_unstable();
     names.dedup();
     let message = match names.as_slice() {
-        [] => "nothing here starts with a value".to_owned(),
+        [] => "no process in this part takes a start value".to_owned(),
         [one] => format!("{one} takes no start value"),
         _ => format!("none of {} takes a start value", listed(names.iter().copied())),
     };
-    let found = Diagnostic::new(Code::E0425, value, message).reason(part.span, "is started with it");
+    let found = Diagnostic::new(Code::E0425, value, message).reason(part.span, "is started with this value");
     match names.first() {
         Some(name) => {
             found.help(format!("declare it in the interface: `module {name}(host) {{ init goal: Length; }}`"))
         }
-        None => found.help("give it to a process: `process with 1 m`"),
+        None => found.help("give the value to a process: `process with 1 m`"),
     }
 }
 
@@ -168,10 +170,10 @@ fn is_written(name: &str) -> bool {
 }
 
 fn no_spelling(start: &Param, name: &str, value: Span) -> Diagnostic {
-    let message = format!("a spec cannot write a {name}");
+    let message = format!("a spec cannot contain a value of type {name}");
     let found = Diagnostic::new(Code::E0425, value, message).reason(start.name.span, "declared here");
     match unit::is_type(name) {
         true => found,
-        false => found.help(format!("declare what is in it: `type {name} = {{ x: Length, y: Length }};`")),
+        false => found.help(format!("declare the fields of the type: `type {name} = {{ x: Length, y: Length }};`")),
     }
 }

@@ -68,7 +68,7 @@ impl Analysis {
         let port = self.port_behind(process, &export.endpoint);
         let inner = self.text(process.instances[export.endpoint.slot].name.span);
         let shown = code(&self.port_lines(&export.name.text, port));
-        format!("{shown}\nA port of `{}`: that of `{inner}`, `{}`.", process.name.text, export.endpoint.port.text)
+        format!("{shown}\nA port of `{}`: the port of `{inner}`, `{}`.", process.name.text, export.endpoint.port.text)
     }
 
     pub(super) fn port_text(&self, module: usize, port: usize) -> String {
@@ -165,7 +165,7 @@ pub(super) fn quantity(param: &Param) -> String {
 /// modules, the text is empty.
 fn memory_of(module: &Module) -> &'static str {
     match module.remembers {
-        true => " It *remembers*: it may not be started again alone.",
+        true => " The module *remembers*: it may not be restarted alone.",
         false => "",
     }
 }

@@ -152,7 +152,7 @@ impl<'a> Pairing<'a> {
         let name = host(self.wanted, wanted);
         let known = (0_u32..).zip(&self.running.hosts).find(|(_, host)| *host == name).map(|(number, _)| number);
         if known.is_none() {
-            let part = format!("`{path}` is on the host `{name}`, which takes no part in what runs");
+            let part = format!("`{path}` is on the host `{name}`, which has no part in the running deployment");
             self.obstacles.push(format!("{part}; choose one of `{}`", self.running.hosts.join("`, `")));
         }
         known

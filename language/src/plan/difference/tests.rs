@@ -94,7 +94,7 @@ fn what_cannot_change_is_told_and_all_of_it() {
     let other = SPEC.replace("pair ; c", "pair , c").replace("b instof Sink(\"c2\")", "b instof Sink(\"c3\")");
     let other = other.replace("c instof", "d instof Sink(\"c4\"); c instof");
     let expected = [
-        "`main/d` is on the host `c4`, which takes no part in what runs; choose one of `c1`, `c2`",
+        "`main/d` is on the host `c4`, which has no part in the running deployment; choose one of `c1`, `c2`",
         "`main/pair/b` moves from `c2` to `c3`",
     ];
     assert_eq!(changes(&running, &other), Err(expected.map(str::to_owned).to_vec()));
@@ -109,7 +109,7 @@ fn what_cannot_change_is_told_and_all_of_it() {
         "c instof Sink(\"c2\"); pair instof Pair(\"c1\");",
     );
     assert_eq!(changes(&running, &swapped), Ok(vec![]));
-    let why = "the processes of `main` stand in another order, which `rest_for_one` goes by; stop `spec` first";
+    let why = "the processes of `main` have another order, which `rest_for_one` uses; stop `spec` first";
     assert_eq!(changes(&plan(&ordered(SPEC)), &ordered(&swapped)), Err(vec![why.to_owned()]));
 }
 

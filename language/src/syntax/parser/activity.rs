@@ -42,7 +42,7 @@ impl Parser<'_> {
             self.type_name();
         }
         if is_input && self.eat_word("queue") && !self.eat(Number) {
-            self.expected("how many messages may wait");
+            self.expected("the number of messages that may wait");
         }
         self.end_statement();
         self.finish();

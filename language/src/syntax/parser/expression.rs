@@ -163,8 +163,8 @@ impl Parser<'_> {
     /// `[3]` after `::`
     fn pool(&mut self) {
         if self.at(LeftBracket) {
-            self.bracketed(SyntaxKind::Count, "how many may run at the same time");
-        } else if let Some(diagnostic) = self.expected("`[` and how many may run at the same time") {
+            self.bracketed(SyntaxKind::Count, "the number of copies that may run at the same time");
+        } else if let Some(diagnostic) = self.expected("`[` and the number of copies that may run at the same time") {
             diagnostic.help.push("write `found ::[3] handle`".to_owned());
         }
     }
@@ -262,7 +262,7 @@ impl Parser<'_> {
         if let (Some(found), Some(last)) = (found, last) {
             let none = |span: Span| Edit { span, text: String::new() };
             let edits = vec![none(first), none(Span { start: last.start, end: last.end, ..first })];
-            found.fix = Some(Fix { title: "leave them away".to_owned(), edits });
+            found.fix = Some(Fix { title: "remove the parentheses".to_owned(), edits });
         }
         self.skip_one();
         self.constant();
@@ -392,7 +392,7 @@ impl Parser<'_> {
         self.start(SyntaxKind::Run);
         self.bump();
         while self.at(SyntaxKind::Dot) && self.kind(1) == Ident {
-            self.report(Code::E0006, "only instances of the own group can be run");
+            self.report(Code::E0006, "only instances of this group can be run");
             self.bump();
             self.bump();
         }

@@ -11,17 +11,17 @@ use crate::syntax::SyntaxKind::{
     LeftParen, Number, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
 };
 
-const BOTH: &str = "`a, b` runs both; `a & b` too, and fails when one does; `a # b` until one has ended";
+const BOTH: &str =
+    "`a, b` runs both; `a & b` runs both, and fails when one of them fails; `a # b` runs both until one has ended";
 const TURN: &str = "`a ; b` runs b when a is done";
-const ROUND: &str = "`a ;; b` runs them in turn for ever, `(a ;; b) # until` until something else ends";
-const FAILURE: &str = "`a else b` runs b when a fails, `a finally b` however it ends";
-const CHOICE: &str =
-    "to go on by how a process has ended, write `p : match { found => q, else => r }`; when it fails, `p else q`";
-const LIMIT: &str = "a time limit stands behind what it limits: `a within 5 s`";
-const OFTEN: &str = "`each i in 0..3 (a)` runs it three times, `a ;; wait(1 s)` for ever, `repeat a until found` until it ends with this outcome, and `retry(3) a` again when it fails";
+const ROUND: &str = "`a ;; b` runs both in turn for ever; `(a ;; b) # until` runs both in turn until `until` ends";
+const FAILURE: &str = "`a else b` runs b when a fails; `a finally b` runs b when a has ended in any way";
+const CHOICE: &str = "to continue by the outcome of a process, write `p : match { found => q, else => r }`; to continue after a failure, write `p else q`";
+const LIMIT: &str = "a time limit stands behind its operand: `a within 5 s`";
+const OFTEN: &str = "`each i in 0..3 (a)` runs a three times; `a ;; wait(1 s)` runs a for ever; `repeat a until found` runs a until it ends with this outcome; `retry(3) a` runs a again when it fails";
 const PAUSE: &str = "`wait(5 s)` waits, as in `a ; wait(5 s) ; b`";
 const NAME: &str = "a name alone runs its process, as in `a ; b`; `a # b` stops one when the other ends";
-const NOT: &str = "nothing is negated here: `a else b` runs b when a fails";
+const NOT: &str = "a process cannot be negated: `a else b` runs b when a fails";
 
 /// Words of other languages that begin an operand there, and what to write here.
 const PREFIX: [(&str, &str); 29] = [
@@ -33,10 +33,10 @@ const PREFIX: [(&str, &str); 29] = [
     ("loop", ROUND),
     ("forever", ROUND),
     ("do", ROUND),
-    ("for", "`all i in 0..4 (a[i])` runs one of each beside the others"),
+    ("for", "`all i in 0..4 (a[i])` runs all four instances at the same time"),
     ("all", "`a, b` runs both; `all i in 0..4 (a[i])` runs all of an array"),
     ("any", "`any 1 of (a, b)` is done when one of them is"),
-    ("race", "`a # b` runs both until one has ended; `race i in 0..4 (a[i])` all of an array"),
+    ("race", "`a # b` runs both until one has ended; `race i in 0..4 (a[i])` does this with all instances of an array"),
     ("select", "`a # b` runs both until one has ended"),
     ("repeat", OFTEN),
     ("times", OFTEN),
@@ -70,16 +70,13 @@ const BETWEEN: [(&str, &str); 20] = [
     ("unless", FAILURE),
     ("timeout", LIMIT),
     ("for", LIMIT),
-    (
-        "until",
-        "`a # b` runs a until b has ended, or a itself; `repeat a until found` runs a until it ends with this outcome",
-    ),
-    ("while", "`a # b` runs a until b has ended, or a itself"),
+    ("until", "`a # b` runs a until a or b has ended; `repeat a until found` runs a until it ends with this outcome"),
+    ("while", "`a # b` runs a until a or b has ended"),
     ("times", OFTEN),
     ("repeat", OFTEN),
     ("if", CHOICE),
     ("parallel", BOTH),
-    ("in", "`all i in 0..4 (a[i])` runs one of each beside the others"),
+    ("in", "`all i in 0..4 (a[i])` runs all four instances at the same time"),
 ];
 /// The operators of other languages between two operands.
 const SIGNS: [(SyntaxKind, &str); 4] = [
@@ -161,9 +158,9 @@ impl Parser<'_> {
     /// Reports that an operator is missing, with a help that depends on the next token.
     pub(super) fn expected_operator(&mut self, what: &str) {
         let help = if self.is_operand_name(0) {
-            "`a ; b` runs b when a is done, `a, b` both at once"
+            "`a ; b` runs b when a is done; `a, b` runs both at once"
         } else if self.at(LeftParen) {
-            "a process is run by its name alone; its arguments stand where it is declared"
+            "write only the name of a process to run it; its arguments stand in its declaration"
         } else {
             ""
         };
@@ -196,7 +193,7 @@ impl Parser<'_> {
             Edit { span: span(start, first), text: "(".to_owned() },
             Edit { span: span(end, end), text: ")".to_owned() },
         ];
-        if let Some(diagnostic) = self.report(Code::E0001, format!("`{word}` wants parentheses")) {
+        if let Some(diagnostic) = self.report(Code::E0001, format!("`{word}` needs parentheses")) {
             diagnostic.fix = Some(Fix { title: "put parentheses around it".to_owned(), edits });
         }
         self.start(SyntaxKind::Error);
@@ -243,9 +240,13 @@ impl Parser<'_> {
             return;
         }
         let (operator, help) = match (is_or, is_double) {
-            (true, true) => ("||", "`a, b` runs both; `a # b` until one has ended; `a else b` runs b when a fails"),
-            (true, false) => ("|", "`a, b` runs both; `a # b` until one has ended; `a else b` runs b when a fails"),
-            (false, _) => ("&&", "`a & b` runs both, and fails when one does; `a ; b` runs b when a is done"),
+            (true, true) => {
+                ("||", "`a, b` runs both; `a # b` runs both until one has ended; `a else b` runs b when a fails")
+            }
+            (true, false) => {
+                ("|", "`a, b` runs both; `a # b` runs both until one has ended; `a else b` runs b when a fails")
+            }
+            (false, _) => ("&&", "`a & b` runs both, and fails when one of them fails; `a ; b` runs b when a is done"),
         };
         if let Some(diagnostic) = self.report(Code::E0001, format!("`{operator}` is not an operator")) {
             diagnostic.help.push(help.to_owned());

@@ -246,7 +246,7 @@ impl Parser<'_> {
         self.bump();
         loop {
             self.start(SyntaxKind::Inherited);
-            self.expect_name("the name of a variable, or how names begin, such as `ROS_*`");
+            self.expect_name("the name of a variable, or a beginning of names, such as `ROS_*`");
             self.eat(SyntaxKind::Star);
             self.finish();
             if !self.eat(SyntaxKind::Comma) {

@@ -305,7 +305,7 @@ impl Parser<'_> {
         } else {
             self.expect_name("the name of an instance");
             if self.at(LeftBracket) {
-                self.bracketed(SyntaxKind::Count, "how many instances there are");
+                self.bracketed(SyntaxKind::Count, "the number of instances");
             }
             self.instof();
         }

@@ -112,7 +112,7 @@ fn a_change_that_takes_the_state_away_says_so() {
     let narrow = OLD.replace("tries: 0..3 = 0", "tries: 0..0 = 0").replace("tries += 1;", "");
     assert_eq!(why(&narrow, &[0]), "a variable of the activity has a value that is outside its new range");
     let other = OLD.replace("run look;", "run walk;");
-    assert_eq!(why(&other, &[]), "something else stands in its place");
+    assert_eq!(why(&other, &[]), "the new event actions have another expression in its place");
     let idle = OLD.replace("run look; on done -> waiting", "on always -> waiting");
     assert_eq!(why(&idle, &[]), "a state that the activity is in runs nothing any more");
 }

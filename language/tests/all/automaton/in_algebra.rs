@@ -205,5 +205,5 @@ fn a_run_that_ends_at_once_goes_on_in_the_same_step() {
     let (commands, outcome) = start(1);
     assert!(commands.is_empty());
     let Some(Outcome::Aborted(Reason { cause: Cause::Failed(why), .. })) = outcome else { panic!("{outcome:?}") };
-    assert_eq!(&*why, "the activity turns for ever, since what it runs ends at once: it is in `dark`");
+    assert_eq!(&*why, "the activity loops for ever, because its runs end at once: it is in `dark`");
 }

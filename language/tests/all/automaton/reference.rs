@@ -128,7 +128,7 @@ impl<'a> Machine<'a> {
                     .take(8)
                     .map(|state| format!("`{}`", self.chart.states[state].name));
                 let names: Vec<String> = names.collect();
-                let why = "the activity turns for ever, since what it runs ends at once: it is in";
+                let why = "the activity loops for ever, because its runs end at once: it is in";
                 self.end(Outcome::Aborted(failed(&format!("{why} {}", names.join(", ")))))
             }
             Event::Start(_) => None,
@@ -146,7 +146,7 @@ impl<'a> Machine<'a> {
                     match outcome {
                         Outcome::Done(value) => Heard::Done(state, value),
                         Outcome::Aborted(reason) => Heard::Aborted(state, reason),
-                        Outcome::Stopped => Heard::Aborted(state, failed("it stopped without being asked to")),
+                        Outcome::Stopped => Heard::Aborted(state, failed("it stopped without an order")),
                     },
                 )
             }
@@ -265,7 +265,7 @@ impl<'a> Machine<'a> {
         let shown = if names.len() > 8 { names[..8].to_vec() } else { names.clone() };
         let last = if names.len() > 8 || names.is_empty() { "…".to_owned() } else { names[0].clone() };
         let all: Vec<String> = shown.into_iter().chain([last]).collect();
-        format!("the activity turns for ever without an event: {}", all.join(" → "))
+        format!("the activity loops for ever without an event: {}", all.join(" → "))
     }
 
     fn change(&mut self, chosen: Vec<usize>, value: Value) -> Option<Outcome> {

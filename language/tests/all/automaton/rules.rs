@@ -189,7 +189,7 @@ fn an_activity_that_turns_for_ever_ends_and_names_the_cycle() {
         vec![ChartState::compound("a", None, 1), ChartState::atomic("here", 0), ChartState::atomic("there", 0)];
     let turning = vec![Transition::new(1, Trigger::Always, to(2)), Transition::new(2, Trigger::Always, to(1))];
     let (_, begun) = Run::start(chart(states.clone(), turning));
-    assert_eq!(begun, "aborted: the activity turns for ever without an event: `here` → `there` → `here`");
+    assert_eq!(begun, "aborted: the activity loops for ever without an event: `here` → `there` → `here`");
     // A counter makes it finite.
     let below = |limit| Formula::Compare(Relation::Less, Formula::Variable(0).into(), Formula::Number(limit).into());
     let more =

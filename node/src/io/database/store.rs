@@ -72,8 +72,8 @@ impl Place {
     fn gone(&self) -> anyhow::Result<()> {
         let folder = self.folder.as_deref().unwrap_or(Path::new("")).display();
         bail!(
-            "the folder of the store, {folder}, was deleted or moved while the node was running, and what it holds is in \
-             memory only; move it back, or save what `dca db export` gives and start the node again"
+            "the folder of the store, {folder}, was deleted or moved while the node was running, so its data is only in \
+             memory; move the folder back, or save the output of `dca db export` and start the node again"
         )
     }
 
@@ -93,7 +93,7 @@ impl Place {
                 let aside = DirStore::put_aside(&folder)?;
                 tracing::error!(
                     store = %folder.display(), aside = %aside.display(), error = format!("{error:#}"),
-                    "the store is damaged and was put aside; what other robots have comes back from them"
+                    "the store is damaged and was put aside; data that other robots have comes back from them"
                 );
                 self.open_folder(&folder)
             }
@@ -125,7 +125,7 @@ impl Place {
             return Ok(Replica::open(self.config()?, StoredRecords::default())?);
         }
         let copy = scratch.join("db-copy");
-        let read = copy_files(folder, &copy).context("copying it, to be read").and_then(|()| {
+        let read = copy_files(folder, &copy).context("copying the store to read it").and_then(|()| {
             let store = DirStore::open(&copy)?;
             Ok(Replica::open(self.config()?, store.read()?)?)
         });

@@ -84,7 +84,7 @@ impl Wire {
                     }
                 }
                 Outgoing::Ask(..) | Outgoing::Reply(..) if self.on_the_way.len() > ON_THE_WAY_MAX => {
-                    tracing::debug!("too many questions are on their way; one is dropped");
+                    tracing::debug!("too many questions are being sent; one question is dropped");
                 }
                 Outgoing::Ask(to, bytes, within) => {
                     let (session, handle) = (Arc::clone(&self.session), self.handle.clone());

@@ -22,7 +22,7 @@ pub(super) fn replay(inputs: &InputLog) -> Option<NodeState> {
         Ok(Err(error)) => format!("{error:#}"),
         Err(_panicked) => "its last input cannot be taken".to_owned(),
     };
-    tracing::error!(why, "what the node before has left cannot be taken over: its programs end");
+    tracing::error!(why, "the state of the previous node cannot be taken over: its programs end");
     None
 }
 

@@ -77,7 +77,7 @@ impl Driver {
             });
             let refusal = judged.await.err();
             if let Err(error) = sender.send(&Order::Judged { number, refusal }) {
-                tracing::debug!(%error, "a program does not hear whether it may be called");
+                tracing::debug!(%error, "a program is not told whether it may be called");
             }
         });
     }

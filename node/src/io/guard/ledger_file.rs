@@ -32,7 +32,7 @@ impl LedgerFile {
         let Some(bytes) = folder::read(&path, LEDGER_MAX)? else { return Ok((none(path), Ledger::default())) };
         let Found { ledger, is_whole } = Ledger::from_bytes(&bytes, revoked).with_context(|| {
             format!(
-                "`{}` is broken, so it is not known which requests were here before: take this node into its team again",
+                "`{}` is broken, so it is not known which requests were used before: take this node into its team again",
                 path.display()
             )
         })?;

@@ -29,7 +29,7 @@ pub(super) fn move_to_user(
             TEAM_VARIABLE => {
                 let file = run_dir::other(node, &node.join(run_dir::OTHERS_TEAM));
                 if let Some(member) = member {
-                    member.share(&file, gid).context("telling it what it has to know of the team")?;
+                    member.share(&file, gid).context("sharing the files of the team with this user")?;
                 }
                 file
             }

@@ -94,14 +94,14 @@ impl Access {
             Namespace::Team => key.as_str().starts_with(SCHEMA),
             Namespace::Local | Namespace::System => false,
         };
-        for_people.then(|| format!("`{key}` is not written by programs: it holds orders for nodes and programs"))
+        for_people.then(|| format!("`{key}` cannot be written by programs: it holds orders for nodes and programs"))
     }
 }
 
 fn readable(key: String) -> Result<Key, DatabaseRefusal> {
     let key = Key::new(key).map_err(|why| DatabaseRefusal::Database { why: why.to_string() })?;
     if key.namespace() == Namespace::System {
-        let why = format!("`{key}` is the database's own");
+        let why = format!("`{key}` is reserved for the database itself");
         return Err(DatabaseRefusal::NotAllowed { key: key.to_string(), why });
     }
     Ok(key)
@@ -280,7 +280,7 @@ mod tests {
         let refused = |transaction| access(false).transact(transaction, &[]).unwrap_err().to_string();
         assert_eq!(
             refused(put("team/a", VALUE_SIZE_MAX + 1)),
-            "65537 bytes are more than the 65536 that are allowed; give the parts keys of their own"
+            "65537 bytes are more than the 65536 that are allowed; write the parts to separate keys"
         );
         let many = (0..4).flat_map(|number| put(&format!("team/{number}"), VALUE_SIZE_MAX).writes).collect();
         assert!(refused(Transaction { writes: many, ..Transaction::default() }).starts_with("262168 bytes"));

@@ -48,7 +48,7 @@ pub(super) fn namespaces(draft: &Draft) -> Option<String> {
     }
     let lost = written().filter(|key| !is_at_home(key)).chain(granted.filter(|prefix| !begins_well(prefix))).next()?;
     Some(format!(
-        "nothing was written: `{lost}` is in no namespace; a key is `team/NAME`, `robot/ROBOT/NAME` or `local/NAME`"
+        "nothing was written: `{lost}` does not belong to a namespace; a key is `team/NAME`, `robot/ROBOT/NAME` or `local/NAME`"
     ))
 }
 

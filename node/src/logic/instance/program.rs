@@ -1,8 +1,8 @@
 //! The program of an instance: its start, its messages, and the state of the instance after its end.
 
 use super::{
-    CONNECT_WITHIN, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Program, SHIM_KILL_WITHIN, Stage,
-    watchdog,
+    CONNECT_WITHIN, Current, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Program, SHIM_KILL_WITHIN,
+    Stage, watchdog,
 };
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};

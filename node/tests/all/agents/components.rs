@@ -105,7 +105,7 @@ fn event_actions_change_where_what_runs_has_its_place() {
     let other = then.replace("sensor[feed] # filter[on]", "(sensor[feed] ; filter[on])");
     let change = world.change("c1", &other, (1, 1), &[]);
     world.run_for(Duration::from_secs(1));
-    let why = "host `c1`: the event actions of `main` cannot change now: `main/filter` runs, and the new ones have no place for \
+    let why = "host `c1`: the event actions of `main` cannot change now: `main/filter` runs, and the new event actions have no place for \
                it there; wait until that has ended, or stop the deployment";
     assert_eq!(outcome(&world, change), Err(vec![why.to_owned()]));
     check(&mut world);

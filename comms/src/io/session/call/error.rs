@@ -22,7 +22,7 @@ pub enum CallError {
         within: Duration,
     },
     /// For this long, the server of a stream has not sent that it is still there.
-    #[error("`{key}` has said nothing for {}", span(*.silent))]
+    #[error("`{key}` has sent nothing for {}", span(*.silent))]
     Silent {
         /// The host and the verb.
         key: String,

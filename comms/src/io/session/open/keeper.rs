@@ -220,7 +220,7 @@ async fn propose(dialler: &Dialler, id: ZenohId) -> Result<(), String> {
             let dialler = dialler.clone();
             asking.spawn(async move {
                 let shown = tokio::time::timeout(within, shown(&dialler, id, std::slice::from_ref(&locator))).await;
-                let silent = |_elapsed| Err(format!("{}: it does not say in time who it is", locator.address()));
+                let silent = |_elapsed| Err(format!("{}: it did not identify itself in time", locator.address()));
                 let shown = shown.unwrap_or_else(silent);
                 (locator, shown)
             });

@@ -93,7 +93,7 @@ impl Side<'_> {
         let Introduction { session, credential } = introduction;
         let name = self.identity.judge(&self.key, &credential)?;
         if session == self.session || session.parse::<zenoh::config::ZenohId>().is_err() {
-            return Err("its session cannot be that".to_owned());
+            return Err("its session identifier is not valid".to_owned());
         }
         Ok(Peer { session, name, key: self.key, credential })
     }
@@ -114,7 +114,7 @@ async fn send<T: Enveloped>(stream: &mut (impl AsyncWrite + Unpin), message: &T)
 
 async fn receive<T: Enveloped>(stream: &mut (impl AsyncRead + Unpin)) -> Result<T, String> {
     let bytes = stream::receive(stream, T::SIZE_MAX).await.map_err(cause)?;
-    codec::decode(&bytes).map_err(|error| format!("it says something that cannot be read: {error}"))
+    codec::decode(&bytes).map_err(|error| format!("its message cannot be read: {error}"))
 }
 
 fn cause(error: StreamError) -> String {

@@ -87,7 +87,7 @@ fn what_was_dropped_is_not_made_up() {
     assert_eq!(past.at(&early, Some(&base)), Err(AsOfError::Compacted { oldest: late }));
     let ahead = team[1].past().at(&mid, None);
     expect![
-        "this robot lacks some transactions that were seen at that moment (0000000000000001:2); ask again when it has arrived"
+        "this robot lacks some transactions that were seen at that moment (0000000000000001:2); ask again when they have arrived"
     ]
     .assert_eq(&ahead.unwrap_err().to_string());
 }
@@ -191,7 +191,7 @@ fn a_date_is_a_cut() {
     assert_eq!(at(0), Ok((None, None)), "it was not before the last date that was seen there");
     let refused = at(2).unwrap_err();
     assert_eq!(refused, at(10).unwrap_err(), "it may have been then, or not");
-    expect!["what was there at that date cannot be told: 1 of the changes asked for have no date, since their robot's clock was not set (the first is 0000000000000002:1, by `r2`); ask for a later date, or for a version as `dca db version` prints it"].assert_eq(&refused.to_string());
+    expect!["the state at that date is not known: 1 of the requested changes have no date, since their robot's clock was not set (the first is 0000000000000002:1, by `r2`); ask for a later date, or for a version as `dca db version` prints it"].assert_eq(&refused.to_string());
     assert_eq!(at(11), Ok((Some("3".into()), one())), "whoever wrote at that date had seen it");
     let of_a = past.vector_at(MORNING + 2000, "team/a", None).unwrap();
     assert_eq!(of_a.to_string(), "0000000000000001:2", "other keys are not its business");

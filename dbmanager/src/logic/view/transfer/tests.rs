@@ -146,28 +146,30 @@ fn mistakes_are_told_with_their_place() {
         expected.assert_eq(&error.to_string());
     };
     let file = |values: &str| format!("format = 1\nbelow = \"team/\"\n[values]\n{values}\n");
-    check("", expect!["line 1, column 1: the file does not say its format (it begins with `format = 1`)"]);
+    check("", expect!["line 1, column 1: the file does not say its format (write `format = 1` first)"]);
     check(
         "format = 2",
-        expect!["line 1, column 10: the file has format 2, and this program reads 1 (a newer program can read it)"],
+        expect![
+            "line 1, column 10: the file has format 2, and this program reads 1 (a newer version of DCA can read it)"
+        ],
     );
     check(
         "format = 1",
         expect![[
-            r#"line 1, column 1: the file does not say which keys it is about (it says so by `below = "team/"`)"#
+            r#"line 1, column 1: the file does not say which keys it contains (write for example `below = "team/"`)"#
         ]],
     );
     check(
         "format = 1\nbelow = \"\"\nteam = 1\n[values]",
         expect![
-            "line 3, column 8: `team` is not known here (keys with their values stand under [values], each key in quotes)"
+            "line 3, column 8: `team` is not a known name (keys with their values stand under [values], each key in quotes)"
         ],
     );
     check(&file("\"team/a\" = 1\n\"team/a\" = 2"), expect!["line 5, column 1: duplicate key"]);
     check(
         &file("\"team/a\" = 1\n\"robot/r1/a\" = 2"),
         expect![
-            "line 5, column 1: `robot/r1/a` is not what the file is about (its `below` says which it is about; what the database itself writes (`sys/`) is never in it)"
+            "line 5, column 1: `robot/r1/a` does not belong in this file (`below` names the prefix of its keys; keys that the database itself writes (`sys/`) are never in a file)"
         ],
     );
     check(
@@ -177,7 +179,7 @@ fn mistakes_are_told_with_their_place() {
     check(
         &file("\"team/a\" = {\"$x\" = 1}"),
         expect![
-            "line 4, column 12: `$x` is not a kind of value (a name that begins with `$` and is alone in its table has one `$` more)"
+            "line 4, column 12: `$x` is not a kind of value (write one more `$` before a name that begins with `$` and is alone in its table)"
         ],
     );
     check(
@@ -186,12 +188,12 @@ fn mistakes_are_told_with_their_place() {
     );
     check(
         &file(&format!("\"team/a\" = {}", quote(&"x".repeat(70_000)))),
-        expect!["line 4, column 12: the value takes 70000 bytes, more than 65536; give its parts keys of their own"],
+        expect!["line 4, column 12: the value takes 70000 bytes, more than 65536; write its parts to separate keys"],
     );
     check(
         "format = 1\nbelow = \"\"\n[values]\n\"sys/members/1\" = 1",
         expect![
-            "line 4, column 1: `sys/members/1` is not what the file is about (its `below` says which it is about; what the database itself writes (`sys/`) is never in it)"
+            "line 4, column 1: `sys/members/1` does not belong in this file (`below` names the prefix of its keys; keys that the database itself writes (`sys/`) are never in a file)"
         ],
     );
 }

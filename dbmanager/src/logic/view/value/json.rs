@@ -144,7 +144,7 @@ impl<'de> Visitor<'de> for Reader {
         let mut table = BTreeMap::new();
         while let Some((name, field)) = fields.next_entry::<String, _>()? {
             if table.contains_key(&name) {
-                return Err(A::Error::custom(format!("the name {} stands twice", text::quote(&name))));
+                return Err(A::Error::custom(format!("the name {} occurs twice", text::quote(&name))));
             }
             table.insert(name, field);
         }

@@ -168,13 +168,13 @@ fn mistakes_are_told_with_their_place() {
     toml(
         "{a = {\"$bytes\" = \"0\"}}",
         expect![[
-            r#"line 1, column 6: "0" is not a `$bytes` (a name that begins with `$` and is alone in its table has one `$` more)"#
+            r#"line 1, column 6: "0" is not a `$bytes` (write one more `$` before a name that begins with `$` and is alone in its table)"#
         ]],
     );
     toml(
         "{\"$byte\" = \"0\"}",
         expect![
-            "line 1, column 1: `$byte` is not a kind of value (a name that begins with `$` and is alone in its table has one `$` more)"
+            "line 1, column 1: `$byte` is not a kind of value (write one more `$` before a name that begins with `$` and is alone in its table)"
         ],
     );
     toml("1e999", expect!["line 1, column 1: 1e999 is not a 64-bit float"]);

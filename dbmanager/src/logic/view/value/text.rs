@@ -86,7 +86,7 @@ fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datu
     let refuse = |fault: Fault| at(text, value.span().start, fault);
     // A table that only marks the kind of a value adds a level to the text, but not to the value.
     if depth > DEPTH_MAX + 1 {
-        return Err(refuse(Fault::new("lists and tables lie too deep in each other", "")));
+        return Err(refuse(Fault::new("lists and tables are nested too deeply", "")));
     }
     match value.get_ref() {
         DeValue::String(text) => Ok(Datum::Text(text.to_string())),
@@ -126,7 +126,7 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
     if let (Some(name), Some(field)) = (tag.strip_prefix('$').filter(|name| name.starts_with('$')), &content) {
         return Ok(Datum::Table(BTreeMap::from([(name.to_owned(), field.clone())])));
     }
-    let hint = "a name that begins with `$` and is alone in its table has one `$` more";
+    let hint = "write one more `$` before a name that begins with `$` and is alone in its table";
     let Some(Datum::Text(text)) = content else {
         return Err(Fault::new(format!("`{tag}` is not a kind of value"), hint));
     };

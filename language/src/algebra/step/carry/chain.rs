@@ -53,7 +53,7 @@ impl Carrying<'_> {
             }
         }
         order.sort_unstable();
-        let mut misfit = self.misfit(link, "the new ones have no place for it there");
+        let mut misfit = self.misfit(link, "the new event actions have no place for it there");
         let is_only = others.len() == links.len();
         for (nth, (_, _, other)) in order.into_iter().enumerate() {
             // The operand that is chosen for its place has the reason if it does not fit.

@@ -29,7 +29,7 @@ impl Carrying<'_> {
                 }
                 continue;
             }
-            let mut misfit = self.misfit(operand, "the new ones have no place for it there");
+            let mut misfit = self.misfit(operand, "the new event actions have no place for it there");
             let is_only = free.len() == 1;
             let place = free.iter().position(|&other| {
                 let placed = self.place(operand, other, calm);

@@ -11,9 +11,9 @@ pub(super) fn backoff(statement: &Node, words: &[Name], reader: &mut Reader<'_>)
     let before = reader.diagnostics.count();
     let backoff = read(statement, words, reader);
     if backoff.is_none() && reader.diagnostics.count() == before {
-        let help = "write `backoff 100 ms to 30 s`: the first pause, 10 ms at least, which doubles with each death in a row, and the \
-                    longest, 1 h at most";
-        let message = "`backoff` cannot be read so";
+        let help = "write `backoff 100 ms to 30 s`: the first pause (at least 10 ms), which doubles with each further \
+                    death, and the longest pause (at most 1 h)";
+        let message = "this `backoff` has a wrong form";
         reader.diagnostics.push(Diagnostic::new(Code::E0009, statement.span(), message).help(help));
     }
     backoff

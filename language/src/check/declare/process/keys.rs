@@ -29,16 +29,20 @@ fn misplaced(connection: &Node, keys: &[Node], owner: Option<&Node>) -> Option<D
     let error = |node: &Node, message: &str| Diagnostic::new(Code::E0308, node.span(), message);
     if let [_, second, ..] = keys {
         let diagnostic = error(second, "both ends of the connection are keys of the database");
-        return Some(diagnostic.help("one of them is a port of a process: `db(\"team/flat/**\") -> robot, Claims;`"));
+        return Some(diagnostic.help("one end must be a port of a process: `db(\"team/flat/**\") -> robot, Claims;`"));
     }
     if let Some(quality) = connection.child(SyntaxKind::Quality) {
         let diagnostic =
             error(&quality, "a connection with the database has no `push`, `pull`, `latch`, `queue` or `rate`");
-        return Some(diagnostic.help("the present values come first, then each change, and none is left out"));
+        return Some(
+            diagnostic.help("such a connection always carries every value: the present values first, then each change"),
+        );
     }
     let owner = owner?;
-    let diagnostic =
-        error(&keys[0], "the database is connected for as long as the process runs, whatever connection set is open");
+    let diagnostic = error(
+        &keys[0],
+        "a connection with the database cannot be in a connection set: it is open as long as the process runs",
+    );
     Some(outside::owned(diagnostic, owner))
 }
 
@@ -60,20 +64,22 @@ fn keys_of(text: &Token, is_write: bool) -> Result<String, Box<Diagnostic>> {
         _ => false,
     };
     if is_for_people {
-        let message = if words[0] == "sys" { "is the database's own" } else { "is not written by programs" };
+        let message =
+            if words[0] == "sys" { "is reserved for the database itself" } else { "cannot be written by programs" };
         return Err(Box::new(error(format!("`{key}` {message}"))));
     }
     if !["team", "robot", "local"].contains(&words[0]) || words[0] == "robot" && words.len() < 2 {
-        let diagnostic = error(format!("`{key}` is in no namespace"));
+        let diagnostic = error(format!("`{key}` does not belong to a namespace"));
         return Err(Box::new(diagnostic.help("a key is `team/NAME`, `robot/ROBOT/NAME` or `local/NAME`")));
     }
     if words[0] == "local" && !is_write {
-        let diagnostic = error(format!("`{key}` cannot be watched: what is below `local/` has no history"));
-        return Err(Box::new(diagnostic.help("the program can read it when it wants to know")));
+        let diagnostic = error(format!("`{key}` cannot be watched: keys below `local/` have no history"));
+        return Err(Box::new(diagnostic.help("the program can read the key itself when it needs the value")));
     }
     if end.is_empty() && words.len() < 2 {
         return Err(Box::new(
-            error(format!("`{key}` alone is not a key")).help(format!("all keys below it are `db(\"{key}/**\")`")),
+            error(format!("`{key}` alone is not a key"))
+                .help(format!("to connect all keys below it, write `db(\"{key}/**\")`")),
         ));
     }
     Ok(format!("{key}{end}"))

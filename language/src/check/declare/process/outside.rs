@@ -73,5 +73,5 @@ impl OutsideConnection {
 /// Makes the diagnostic of a connection that may not have an owner, and names the owner of its section as the reason.
 pub(super) fn owned(diagnostic: Diagnostic, owner: &Node) -> Diagnostic {
     let diagnostic = diagnostic.reason(owner.span(), "these connections have an owner");
-    diagnostic.help("write it in a section of its own: `internal_connections{ ... }`")
+    diagnostic.help("write the connection in a section without an owner: `internal_connections{ ... }`")
 }

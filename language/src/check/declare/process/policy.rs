@@ -80,9 +80,9 @@ fn runs_in(node: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<RunsI
             Some(RunsIn { deployment, path, span: node.span(), is_alone: true })
         }
         Some(_) | None => {
-            let help = "write the name of a deployment, `runs_in hardware`, and the path of the process there if it has another name: \
+            let help = "write the name of a deployment: `runs_in hardware`; if the process has another name there, add its path: \
                         `runs_in hardware \"main/arm/wheels\"`";
-            let message = "`runs_in` cannot be read so";
+            let message = "this `runs_in` has a wrong form";
             reader.diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message).help(help));
             None
         }
@@ -120,7 +120,7 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
             let never = (words == ["none"] && written.value.is_none()).then_some(Watchdog::Never);
             let watchdog = bound.map(Watchdog::Within).or(never);
             policy.watchdog = watchdog.unwrap_or_default();
-            (watchdog.is_some(), "write `watchdog 500 ms`, of at least 20 ms, or `watchdog none`")
+            (watchdog.is_some(), "write `watchdog 500 ms` (at least 20 ms), or `watchdog none`")
         }
         "ready" => {
             policy.ready_within = if words == ["within"] { time(reader).filter(|time| !time.is_zero()) } else { None };
@@ -139,7 +139,7 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
         limit => usage(&mut policy.usage, limit, written, reader),
     };
     if !is_read && reader.diagnostics.count() == before {
-        let message = format!("`{}` cannot be read so", name.text);
+        let message = format!("this `{}` has a wrong form", name.text);
         reader.diagnostics.push(Diagnostic::new(Code::E0009, written.node.span(), message).help(help));
     }
 }
@@ -156,19 +156,19 @@ fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut 
         "cpu" => {
             let time = written.value.as_ref().and_then(|value| reader.duration(value));
             usage.cpu = time.filter(|time| no_words && time.as_secs() > 0);
-            (usage.cpu.is_some(), "write `cpu 10 min`: processor time, of at least 1 s")
+            (usage.cpu.is_some(), "write `cpu 10 min`: the processor time, at least 1 s")
         }
         "cores" => {
             usage.cpu_share = share(written, reader).filter(|_| no_words);
-            (usage.cpu_share.is_some(), "write `cores 0.5`: processors, from 0.01 to 1000")
+            (usage.cpu_share.is_some(), "write `cores 0.5`: the number of processors, from 0.01 to 1000")
         }
         "pids" => {
             usage.pids = whole(written, None, 1, reader).filter(|_| no_words);
-            (usage.pids.is_some(), "write `pids 64`: processes and threads, 1 at least")
+            (usage.pids.is_some(), "write `pids 64`: the number of processes and threads, at least 1")
         }
         "files" => {
             usage.files = whole(written, None, 3, reader).filter(|_| no_words);
-            (usage.files.is_some(), "write `files 64`; a program has 3 at least")
+            (usage.files.is_some(), "write `files 64`: the number of open files, at least 3")
         }
         "file_size" => {
             usage.file_size = whole(written, bytes, 1, reader).filter(|_| no_words);
@@ -176,14 +176,17 @@ fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut 
         }
         "nice" => {
             usage.nice = number(written, reader).filter(|nice| no_words && (-20..=19).contains(nice));
-            (usage.nice.is_some(), "write `nice 10`: -20, before others, to 19, after them")
+            (usage.nice.is_some(), "write `nice 10`: from -20 (before other programs) to 19 (after other programs)")
         }
         _ => {
             let is_optional = written.words == ["optional"];
             let priority = whole(written, None, 1, reader).and_then(|priority| u8::try_from(priority).ok());
             let priority = priority.filter(|&priority| priority <= REALTIME_MAX && (no_words || is_optional));
             usage.realtime = priority.map(|priority| Realtime { priority, is_optional });
-            (priority.is_some(), "write `realtime 40`, from 1 to 49, and `optional` if it may run without")
+            (
+                priority.is_some(),
+                "write `realtime 40` (from 1 to 49); add `optional` if the program may run without this priority",
+            )
         }
     }
 }

@@ -39,7 +39,7 @@ fn queue(node: &Node, diagnostics: &mut Diagnostics) -> Option<u32> {
     let length = node.token(Number).and_then(|number| number.text().parse().ok());
     let length = length.filter(|length| (1..=QUEUE_MAX).contains(length));
     if length.is_none() {
-        let message = format!("expected how many values wait at most, from 1 to {QUEUE_MAX}");
+        let message = format!("expected the largest number of waiting values, from 1 to {QUEUE_MAX}");
         diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message).help("write `queue 5`"));
     }
     length

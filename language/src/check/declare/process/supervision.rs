@@ -47,10 +47,13 @@ fn read(supervision: &mut Supervision, name: &Name, words: &[&str], rule: &Node,
         (strategy.is_some(), "write `strategy one_for_one`, `one_for_all` or `rest_for_one`")
     } else {
         supervision.intensity = intensity(words, rule, reader);
-        (supervision.intensity.is_some(), "write `restarts 3 within 10 s`: 0 to 1000 restarts, and a time")
+        (
+            supervision.intensity.is_some(),
+            "write `restarts 3 within 10 s`: a number of restarts from 0 to 1000, and a time",
+        )
     };
     if !is_read && reader.diagnostics.count() == before {
-        let message = format!("`{}` cannot be read so", name.text);
+        let message = format!("this `{}` has a wrong form", name.text);
         reader.diagnostics.push(Diagnostic::new(Code::E0009, rule.span(), message).help(help));
     }
 }

@@ -53,21 +53,22 @@ fn misplaced(connection: &Node, topics: &[Node], owner: Option<&Node>) -> Option
     let error = |node: &Node, message: &str| Diagnostic::new(Code::E0309, node.span(), message);
     let of = word(topics.last()?);
     if topics.len() > 1 || connection.child(SyntaxKind::Keys).is_some() {
-        let message = format!("a {of} is connected with a port of a process, and with nothing else");
+        let message = format!("a {of} can be connected only with a port of a process");
         let diagnostic = error(topics.last()?, &message);
-        return Some(diagnostic.help("one end is a port: `topic(\"/scan\", qos = sensor) -> avoid, Scan;`"));
+        return Some(diagnostic.help("one end must be a port: `topic(\"/scan\", qos = sensor) -> avoid, Scan;`"));
     }
     if let Some(quality) = connection.child(SyntaxKind::Quality) {
         if of == "service" {
-            return Some(error(&quality, "a connection with a service has no quality"));
+            return Some(error(&quality, "a connection with a service cannot have a quality"));
         }
-        let diagnostic = error(&quality, "a connection with a topic has no quality but its `qos`");
+        let diagnostic = error(&quality, "a connection with a topic can have only the quality `qos`");
         return Some(
             diagnostic.help("write `qos = reliable(10)`, `best_effort(10)`, `transient_local(1)` or `sensor`"),
         );
     }
     let owner = owner?;
-    let message = format!("a {of} is connected while the mission runs, whatever connection set is open");
+    let message =
+        format!("a connection with a {of} cannot be in a connection set: it is open as long as the mission runs");
     Some(outside::owned(error(&topics[0], &message), owner))
 }
 
@@ -77,7 +78,7 @@ fn name_of(text: &Token, of: &str) -> Result<GraphName, Box<Diagnostic>> {
     name.ok_or_else(|| {
         let message = format!("{written:?} is not the name of a {of} of ROS 2");
         let diagnostic = Diagnostic::new(Code::E0309, text.span(), message);
-        Box::new(diagnostic.help("it begins with `/`, has words of letters, digits and `_` that do not begin with a digit, and at most 247 bytes"))
+        Box::new(diagnostic.help("a name begins with `/` and has at most 247 bytes; its words have letters, digits and `_`, and do not begin with a digit"))
     })
 }
 
@@ -87,8 +88,8 @@ fn quality_of(topic: &Node) -> Result<Qos, Box<Diagnostic>> {
         return Ok(if is_service(topic) { SERVICE } else { Qos { depth: DEPTH, ..Qos::default() } });
     };
     if is_service(topic) {
-        let diagnostic = Diagnostic::new(Code::E0309, node.span(), "a service has no quality of service to choose");
-        return Err(Box::new(diagnostic.help("write the name alone: `service(\"/reset\")`")));
+        let diagnostic = Diagnostic::new(Code::E0309, node.span(), "the quality of a service cannot be chosen");
+        return Err(Box::new(diagnostic.help("write only the name: `service(\"/reset\")`")));
     }
     // Without a word the text is damaged, which was reported.
     let Some(Name { text: word, .. }) = node.names().next() else { return Ok(Qos::default()) };

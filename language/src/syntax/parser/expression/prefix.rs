@@ -21,7 +21,7 @@ impl Parser<'_> {
         if self.at(Number) || is_named {
             self.count();
         } else {
-            self.expected("how many times to try again");
+            self.expected("the number of further tries");
         }
         if self.eat(Comma) {
             if !self.eat_word("pause") {
@@ -92,9 +92,9 @@ impl Parser<'_> {
         } else if let Some(diagnostic) = self.expected("`until` and an outcome") {
             let help = "`repeat look until found` runs `look` again and again, until it ends with this outcome";
             diagnostic.help.push(help.to_owned());
-            diagnostic
-                .help
-                .push("`look ;; wait(1 s)` runs it for ever, `retry(3) look` again when it fails".to_owned());
+            diagnostic.help.push(
+                "`look ;; wait(1 s)` runs `look` for ever; `retry(3) look` runs `look` again when it fails".to_owned(),
+            );
         }
         self.finish();
         self.ascend();
@@ -105,7 +105,7 @@ impl Parser<'_> {
         self.start(SyntaxKind::Until);
         self.bump();
         loop {
-            self.expect_name("the outcome that ends it");
+            self.expect_name("the outcome that ends the `repeat`");
             if !self.eat(Bar) {
                 break;
             }
@@ -143,7 +143,7 @@ impl Parser<'_> {
         let insert =
             |start: u32, text: &str| Edit { span: Span { start, end: start, ..self.span() }, text: text.to_owned() };
         let edits = vec![insert(start.start, "("), insert(end, ")")];
-        if let Some(diagnostic) = self.report(Code::E0001, "`repeat` wants parentheses around several operands") {
+        if let Some(diagnostic) = self.report(Code::E0001, "`repeat` needs parentheses around several operands") {
             diagnostic.fix = Some(Fix { title: "put parentheses around them".to_owned(), edits });
         }
         self.start(SyntaxKind::Paren);
