@@ -555,7 +555,11 @@ impl Instance {
     }
 
     fn tell(&self, order: Order, context: &mut InstanceContext<'_>) {
-        context.effects.push(Effect::Control { process: self.start.order.process.clone(), order });
+        context.effects.push(self.control(order));
+    }
+
+    fn control(&self, order: Order) -> Effect {
+        Effect::Control { process: self.start.order.process.clone(), order }
     }
 
     fn tell_shim(&self, order: ShimOrder, context: &mut InstanceContext<'_>) {

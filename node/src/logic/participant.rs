@@ -3,40 +3,61 @@
 //! Life: `Preparing` (programs started, each has said where it is or why not) → `Connecting` (links made, closed) →
 //! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
 //! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
+//!
+//! This file passes each input to the part that it is about, and each report of a program or supervisor to the parts that
+//! depend on it. `life` prepares, runs and ends the processes, `change` changes the deployment while it runs. The parts:
+//!
+//! - `site`: the deployment, the place of this host in it, and the messages about it.
+//! - `roll`: the reports of programs before GO. `activation`: the activations that wait.
+//! - `processes`: the programs and supervisors. `links`: their wires. `external`: processes of other deployments.
+//! - `loss`: the hosts that cannot be reached. `progress`: a change. `succession`: programs that take the place of others.
+//!
+//! Between two inputs, `progress` exists only during a change. Only `Running` has changes, and activations that watch
+//! processes of other deployments. `roll` waits for programs only while it is `Preparing` or `Connecting`.
 
 mod activation;
 mod change;
 mod external;
+mod life;
 mod links;
 mod loss;
-mod report;
+mod processes;
+mod progress;
+mod roll;
+mod site;
 mod status;
 mod succession;
 
 use crate::logic::agent::Identity;
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, earliest};
-use crate::logic::executer::{Counted, ExecContext, Executer, below_using, group_host, leaf_host};
+use crate::logic::executer::{Counted, ExecContext, Executer, MemberRef, Sending, Taking, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Change, Deployment, Ending, Estop, LeafFacts, Target, ToCoordinator, ToParticipant};
-use crate::logic::timed::TimedMap;
+use crate::logic::protocol::{
+    AbsentProcess, ActivityInput, Change, Deployment, DeploymentStatus, Ending, InstanceParameters, Names,
+    ProcessStatus, Target, ToCoordinator, ToParticipant,
+};
 pub(in crate::logic) use activation::gone;
-use activation::{Together, WOKEN_LATE_MIN};
-use change::{Changes, supervisors};
-use comms::logic::control::Notice;
+use activation::{Activation, Activations};
+use comms::logic::control::{Dial, MessageFate, Notice, Order, PortMessage};
+use comms::logic::switch::Flip;
 use comms::logic::time::Time;
-use external::ExternalProcess;
+use external::Externals;
 pub use external::{Seen, Wanted};
 use language::plan::Plan;
-use links::{Asked, Links};
+use life::WOKEN_LATE_MIN;
+use links::{Asked, ExpectedSwitch, Links, TakenValues, ask_for_latched, outside_of_switch};
 use loss::Loss;
+use processes::Processes;
+use progress::Progress;
+use roll::Roll;
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
+use site::Site;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
-use succession::Supervisor;
+use succession::{Successions, Supervisor};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
@@ -52,73 +73,15 @@ pub struct Participant {
     site: Site,
     phase: Phase,
     roll: Roll,
-    instances: TimedMap<Instance>,
-    executers: TimedMap<Executer>,
+    processes: Processes,
     links: Links,
     claims: Claims,
-    /// Processes of other deployments that it uses on this host, by the leaves that stand for them.
-    externals: BTreeMap<u32, ExternalProcess>,
+    externals: Externals,
     loss: Loss,
-    changes: Changes,
-    together: Together,
-    /// The emergency stop that ends it, if one does.
-    estop: Option<Estop>,
-}
-
-/// The deployment, and the place of this host in it.
-#[derive(Debug, Serialize, Deserialize)]
-struct Site {
-    deployment: Deployment,
-    plan: Arc<Plan>,
-    home: String,
-    /// This host.
-    host: String,
-    machine: String,
-    /// For each process, the group and slot that supervise it.
-    supervisors: BTreeMap<Target, (u32, u32)>,
-    /// The other hosts whose loss is one for something here.
-    relevant: BTreeSet<String>,
-}
-
-impl Site {
-    /// Returns the surroundings of the supervisors here.
-    fn context(&self, since_go: Duration, start: Time) -> ExecContext<'_> {
-        let Self { deployment, home, plan, .. } = self;
-        ExecContext { deployment, home, plan, since_go, start }
-    }
-
-    fn tell_home(&self, message: ToCoordinator, out: &mut Out<'_>) {
-        out.send(&self.home, self.deployment.to_coordinator(message));
-    }
-
-    fn tell(&self, host: &str, message: ToParticipant, out: &mut Out<'_>) {
-        out.send(host, self.deployment.to_participant(message));
-    }
-
-    /// Returns the path of a leaf.
-    fn path(&self, leaf: u32) -> Option<&str> {
-        self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.as_str())
-    }
-
-    /// Returns the path of a group.
-    fn group_path(&self, group: u32) -> String {
-        self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default()
-    }
-
-    /// Returns the host on which a process is supervised.
-    fn supervisor_host(&self, target: Target) -> Option<&str> {
-        self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group))
-    }
-}
-
-/// The programs that prepare or make their links, and their reports so far.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Roll {
-    waiting: BTreeSet<u32>,
-    facts: Vec<LeafFacts>,
-    reasons: Vec<String>,
-    /// Why programs cannot take part, and which.
-    refusals: BTreeMap<String, Vec<u32>>,
+    activations: Activations,
+    /// The change of the deployment, while there is one.
+    change: Option<Progress>,
+    successions: Successions,
 }
 
 impl Participant {
@@ -132,58 +95,26 @@ impl Participant {
         seen: BTreeMap<u32, Result<Seen, String>>,
         out: &mut Out<'_>,
     ) -> Self {
-        let (host, machine) = (place.host.as_str(), place.machine.clone());
-        let home = plan.home().unwrap_or(host).to_owned();
-        let live = plan.live_groups();
-        let is_mine = |number: &u32| live.contains(number) && group_host(&plan, *number) == Some(host);
-        let groups = (0_u32..).zip(&plan.groups).filter(|(number, _)| is_mine(number));
-        let below = below_using(&plan);
-        let supervisor = |number: u32| Some((number, Executer::new(&plan, number, below.contains(&number))?));
-        let executers = groups.filter_map(|(number, _)| supervisor(number)).collect();
+        let site = Site::new(deployment, plan, place);
+        let mut processes = Processes::default();
+        processes.add_supervisors(&site);
         let mut participant = Self {
-            claims: Claims::of(&plan, host),
-            links: Links { live: plan.live_wires(), ..Links::default() },
-            site: Site {
-                supervisors: supervisors(&plan),
-                relevant: loss::relevant(&plan, host),
-                deployment,
-                plan,
-                home,
-                host: host.to_owned(),
-                machine,
-            },
+            claims: Claims::of(&site.plan, &site.host),
+            links: Links::new(&site.plan),
+            site,
             phase: Phase::Preparing,
             roll: Roll::default(),
-            instances: TimedMap::default(),
-            executers,
-            externals: BTreeMap::new(),
+            processes,
+            externals: Externals::default(),
             loss: Loss::default(),
-            changes: Changes::default(),
-            together: Together::default(),
-            estop: None,
+            activations: Activations::default(),
+            change: None,
+            successions: Successions::default(),
         };
         participant.find_externals(seen);
-        participant.start_programs(host, programs, out);
+        participant.start_programs(programs, out);
         participant.report_prepared(out);
         participant
-    }
-
-    /// Starts each program of this host, unless there is a reason against one of them, or another deployment runs it.
-    fn start_programs(&mut self, host: &str, offered: &Programs, out: &mut Out<'_>) {
-        let starts = match self.starts(&self.site.plan, host, offered) {
-            Ok(starts) if self.roll.reasons.is_empty() => starts,
-            Ok(_) => return,
-            Err(problems) => {
-                let reasons = problems.into_iter().map(|why| format!("host `{host}`: {why}"));
-                return self.roll.reasons.extend(reasons);
-            }
-        };
-        for (number, start) in starts {
-            let (mut notes, since_go) = (Vec::new(), Duration::ZERO);
-            let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
-            self.roll.waiting.insert(number);
-            self.instances.insert(number, Instance::spawn(start, &mut context));
-        }
     }
 
     /// Returns the host of `main`.
@@ -196,6 +127,78 @@ impl Participant {
         &self.site.plan.hosts
     }
 
+    /// Returns the plan that it is a part of.
+    pub fn plan(&self) -> &Plan {
+        &self.site.plan
+    }
+
+    /// Returns the path of a leaf.
+    pub fn path(&self, leaf: u32) -> Option<&str> {
+        self.site.path(leaf)
+    }
+
+    /// Returns the hosts whose loss matters here: the home, the hosts of everything supervised from here, on any level,
+    /// and the hosts that supervise something here. The loss of any other host is left to its supervisors.
+    pub fn relevant_hosts(&self) -> &BTreeSet<String> {
+        &self.site.relevant
+    }
+
+    /// Returns the devices it holds on this host.
+    pub fn claims(&self) -> &Claims {
+        &self.claims
+    }
+
+    /// Returns how many of its machines were looked at, all in all.
+    pub fn visits(&self) -> u64 {
+        self.processes.visits()
+    }
+
+    /// Returns the running processes, in the plan's order.
+    pub fn status(&self) -> DeploymentStatus {
+        let mut processes: Vec<ProcessStatus> =
+            self.processes.status(&self.site).chain(self.externals.status(&self.site)).collect();
+        processes.sort_by(|a, b| a.path.cmp(&b.path));
+        let phase = match self.phase {
+            Phase::Preparing => "preparing",
+            Phase::Connecting => "connecting",
+            Phase::Running => "running",
+            Phase::Leaving => "ending",
+        };
+        let (deployment, home) = (self.site.deployment.clone(), self.site.home.clone());
+        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost: Vec::new(), refused: Vec::new() }
+    }
+
+    /// Returns the processes on hosts that are away.
+    pub fn elsewhere(&self, is_away: impl Fn(&str) -> bool) -> Vec<AbsentProcess> {
+        self.site.elsewhere(is_away)
+    }
+
+    /// Adds the names that it has given out on this host.
+    pub fn names(&self, programs: &Programs, names: &mut Names) {
+        names.ports.extend(self.processes.port_names(&self.site, programs));
+        names.devices.extend(self.claims.names(&self.site.deployment));
+    }
+
+    /// Returns the programs of this host that have a data session, and where to dial each now.
+    pub fn locations(&self) -> Vec<(String, Dial)> {
+        self.processes.locations(&self.site, &self.links)
+    }
+
+    /// Returns the parameters that can be sent to the programs of this host while they run.
+    pub fn parameters(&self, programs: &Programs) -> Vec<InstanceParameters> {
+        self.processes.parameters(&self.site, programs)
+    }
+
+    /// Returns parameters that the database gives to the instance of a path, as its program gets them.
+    pub fn in_si(&self, programs: &Programs, path: &str, stored: Vec<(String, String)>) -> Vec<(String, String)> {
+        self.site.in_si(programs, path, stored)
+    }
+
+    /// Returns the programs of this host: leaf and absolute path.
+    pub fn programs(&self) -> Vec<(u32, String)> {
+        self.processes.programs(&self.site)
+    }
+
     /// Takes a message about this deployment.
     pub fn receive(&mut self, message: ToParticipant, from: &str, out: &mut Out<'_>) {
         match message {
@@ -203,7 +206,7 @@ impl Participant {
             ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. } => {}
             ToParticipant::Connect { facts, machines } => self.connect(facts, machines, out),
             ToParticipant::Go => {
-                self.together.rejoining = false;
+                self.activations.has_rejoined();
                 self.go(out.now);
                 self.start_at(None, out);
             }
@@ -211,19 +214,22 @@ impl Participant {
                 self.go(out.now);
                 self.start_at(Some(start), out);
             }
-            ToParticipant::ReadClock { asked } => self.read_clock(asked, out),
+            ToParticipant::ReadClock { asked } => {
+                self.activations.await_moment();
+                self.site.tell_home(ToCoordinator::ClockRead { asked, shown: out.now }, out);
+            }
             ToParticipant::Reopen { host } => {
                 self.each_executer(out, |executer, at, out| executer.reopen(&host, at, out));
             }
             ToParticipant::Release => self.leave(out),
             ToParticipant::Activate { target, activation, value } => {
                 self.go(out.now);
-                self.activate(target, activation, value, out);
+                self.activate(Activation { target, number: activation, value }, out);
             }
             ToParticipant::Stop { target, activation } => self.stop(target, activation, out),
             ToParticipant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
             ToParticipant::Switch { wires, open, group, generation } => {
-                self.switch(&wires, open, Asked { group, generation, host: from.to_owned() }, out);
+                self.flip(outside_of_switch(&wires, open), Asked { group, generation, host: from.to_owned() }, out);
             }
             ToParticipant::Switched { group, generation } => {
                 self.tell_executer(group, out, |executer, at, out| executer.switched(generation, at, out));
@@ -231,9 +237,11 @@ impl Participant {
             ToParticipant::Flip { group, generation, flip } => {
                 self.flip(flip, Asked { group, generation, host: from.to_owned() }, out);
             }
-            ToParticipant::Expect { group, leaf, expect } => self.expect(leaf, expect, None, group, from, out),
+            ToParticipant::Expect { group, leaf, expect } => {
+                self.expect(ExpectedSwitch { group, leaf, expect, then: None }, from, out);
+            }
             ToParticipant::ExpectAnd { group, leaf, expect, then } => {
-                self.expect(leaf, expect, Some(then), group, from, out);
+                self.expect(ExpectedSwitch { group, leaf, expect, then: Some(then) }, from, out);
             }
             ToParticipant::Succeed { group, leaf, activation, value } => {
                 let by = Supervisor { group, host: from.to_owned() };
@@ -244,36 +252,37 @@ impl Participant {
             | ToParticipant::Succeeding { .. }
             | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
             ToParticipant::Tell { group, told, by, call } => self.tell_activity(group, &told, by.as_deref(), call, out),
-            ToParticipant::Loose { target, hosts } => {
-                let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
-                self.tell_executer(group, out, |executer, at, out| {
-                    executer.loosened(slot, hosts.into_iter().collect(), at, out);
-                });
-            }
+            ToParticipant::Loose { target, hosts } => self.loosened(target, hosts, out),
             ToParticipant::Cleared { host } => {
                 self.each_executer(out, |executer, at, out| executer.host_cleared(&host, at, out));
             }
             ToParticipant::Restarted { target, cause } => {
-                let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
+                let Some((group, slot)) = self.site.supervisor(target) else { return };
                 self.with_executer(group, out, |executer, at, out| executer.member_restarted(slot, &cause, at, out));
             }
-            ToParticipant::Repeat { wires } => self.repeat(&wires, from, out),
+            ToParticipant::Repeat { wires } => self.links.repeat(&self.site, &self.processes, &wires, from, out),
             ToParticipant::Renew { leaves, with } => self.renew(&leaves, &with, out),
             // The agent has already taken the programs that a change starts: `take_change`.
             ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}
             ToParticipant::Moved { facts } => {
                 if leaf_host(&self.site.plan, facts.leaf) == Some(from) {
-                    self.moved(facts, out);
+                    self.links.moved(&self.site, &self.processes, facts, out);
                 }
             }
         }
     }
 
-    /// Starts programs of this host again, together with one that has died.
-    fn renew(&mut self, leaves: &[u32], with: &str, out: &mut Out<'_>) {
-        for leaf in leaves {
-            self.with_instance(*leaf, out, |instance, context| instance.renew(with, context));
-        }
+    /// Tells a supervisor of this host which hosts may still do something for a member that has ended.
+    fn loosened(&mut self, target: Target, hosts: Vec<String>, out: &mut Out<'_>) {
+        let Some((group, slot)) = self.site.supervisor(target) else { return };
+        self.tell_executer(group, out, |executer, at, out| {
+            executer.loosened(slot, hosts.into_iter().collect(), at, out);
+        });
+    }
+
+    /// Flips wires whose producers are here, for a supervisor.
+    fn flip(&mut self, flip: Flip, asked: Asked, out: &mut Out<'_>) {
+        self.links.flip(&self.site, &self.processes, flip, asked, out);
     }
 
     /// Passes a message about a switch on to a supervisor of this host.
@@ -290,14 +299,74 @@ impl Participant {
         }
     }
 
-    /// Returns the devices it holds on this host.
-    pub fn claims(&self) -> &Claims {
-        &self.claims
+    /// Tells a supervisor of this host how a member has ended.
+    fn member_ended(&mut self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
+        let Some((group, slot)) = self.site.supervisor(target) else { return };
+        self.with_executer(group, out, |executer, at, out| {
+            if !executer.speaks(slot, target, at, out) {
+                return None;
+            }
+            executer.ended(MemberRef { slot, activation }, ending, at, out)
+        });
     }
 
-    /// Returns the path of a leaf.
-    pub fn path(&self, leaf: u32) -> Option<&str> {
-        self.site.path(leaf)
+    fn expect(&mut self, expected: ExpectedSwitch, from: &str, out: &mut Out<'_>) {
+        self.links.expect(&self.site, &self.processes, expected, from, out);
+    }
+
+    /// Gives an order to an activity. If a user waits, the home gets the answer.
+    fn tell_activity(
+        &mut self,
+        group: u32,
+        told: &ActivityInput,
+        by: Option<&str>,
+        call: Option<u64>,
+        out: &mut Out<'_>,
+    ) {
+        let first = out.messages.len();
+        let mut answer = Err("its supervisor is not here".to_owned());
+        self.with_executer(group, out, |executer, at, out| {
+            let Taking { ending, taken } = executer.tell_by(told, by, at, out);
+            answer = taken;
+            ending
+        });
+        if let Some(call) = call {
+            self.site.tell_home(ToCoordinator::Answered { call, taken: answer }, out);
+            // The deployment may end by the order, and the answer comes before that.
+            if let Some(consequences) = out.messages.get_mut(first..) {
+                consequences.rotate_right(1);
+            }
+        }
+    }
+
+    /// Hands a message to the activity whose ports a program has, and reports its fate to the program.
+    fn take_message(&mut self, leaf: u32, message: PortMessage, out: &mut Out<'_>) {
+        let (number, mut fate) = (message.number, MessageFate::Idle);
+        if let Some(group) = self.site.activity_of(leaf) {
+            self.with_executer(group, out, |executer, at, out| {
+                let (said, ending) = executer.take_message(message, at, out);
+                fate = said;
+                ending
+            });
+        }
+        self.processes.ask(leaf, Order::Received { number, fate }, out);
+    }
+
+    /// Has a program send the values of an activity.
+    fn send_values(&mut self, group: u32, sendings: Vec<Sending>, out: &mut Out<'_>) {
+        // Most groups send nothing, and each group is asked at each event.
+        if sendings.is_empty() {
+            return;
+        }
+        let Some((_, leaf)) = self.site.plan.ports_of(group) else { return };
+        for Sending { number, port, value } in sendings {
+            if !self.processes.ask(leaf, Order::Send { number, port: port.clone(), value }, out) {
+                self.tell_executer(group, out, |executer, at, out| {
+                    executer.value_sent(number);
+                    executer.not_sent(&port, at, out);
+                });
+            }
+        }
     }
 
     /// Refuses a controller that has said hello, since it must not run beside something else.
@@ -324,14 +393,11 @@ impl Participant {
         self.with_instance(leaf, out, |instance, context| instance.undelivered(why, context));
     }
 
-    /// Returns the plan that it is a part of.
-    pub fn plan(&self) -> &Plan {
-        &self.site.plan
-    }
-
-    /// Takes note that its node was gone: no program could answer it in the meantime.
-    pub fn adopted(&mut self, away: Duration) {
-        self.instances.each(|_, instance| instance.adopted(away));
+    /// Takes note of parameters that a program was told of while the deployment runs.
+    pub fn configured(&self, leaf: u32, parameters: Vec<(String, Option<String>)>, out: &mut Out<'_>) {
+        if self.phase == Phase::Running {
+            self.site.configured(leaf, parameters, out);
+        }
     }
 
     /// Lets time pass.
@@ -339,37 +405,47 @@ impl Participant {
         self.tick_loss(out);
         self.tick_check_in(out);
         self.begin_together(WOKEN_LATE_MIN, out);
-        for leaf in self.instances.due(out.now) {
+        for leaf in self.processes.instances.due(out.now) {
             self.with_instance(leaf, out, Instance::tick);
         }
-        for group in self.executers.due(out.now) {
+        for group in self.processes.executers.due(out.now) {
             self.with_executer(group, out, Executer::tick);
         }
     }
 
     /// Returns when [`Participant::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let first = earliest(earliest(self.loss_deadline(), self.check_in_deadline()), self.starts_at());
-        [self.instances.deadline(), self.executers.deadline()].into_iter().fold(first, earliest)
+        let alone = self.is_done_alone().then_some(Time::ZERO);
+        [alone, self.loss.deadline(), self.activations.deadline(), self.processes.deadline()]
+            .into_iter()
+            .fold(None, earliest)
     }
 
-    fn go(&mut self, now: Time) {
-        if self.phase == Phase::Connecting {
-            self.phase = Phase::Running;
+    /// Adds a program, and takes its reports.
+    fn insert_instance(
+        &mut self,
+        leaf: u32,
+        out: &mut Out<'_>,
+        make: impl FnOnce(&mut InstanceContext<'_>) -> Instance,
+    ) {
+        let (mut notes, since_go) = (Vec::new(), self.activations.since_go(out.now));
+        let instance = make(&mut InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes });
+        self.processes.instances.insert(leaf, instance);
+        for note in notes {
+            self.note(leaf, note, out);
         }
-        self.together.go_at.get_or_insert(now);
     }
 
+    /// Does something with a program, and takes its reports.
     fn with_instance(
         &mut self,
         leaf: u32,
         out: &mut Out<'_>,
         act: impl FnOnce(&mut Instance, &mut InstanceContext<'_>),
     ) {
-        let mut notes = Vec::new();
-        let since_go = self.since_go(out.now);
+        let (mut notes, since_go) = (Vec::new(), self.activations.since_go(out.now));
         let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
-        self.instances.with(leaf, |instance| act(instance, &mut context));
+        self.processes.instances.with(leaf, |instance| act(instance, &mut context));
         for note in notes {
             self.note(leaf, note, out);
         }
@@ -386,55 +462,45 @@ impl Participant {
             }
             Note::Prepared(facts) => {
                 self.hold_own(&facts);
-                self.roll.facts.push(facts);
-                self.roll.waiting.remove(&leaf);
+                self.roll.prepared(facts);
                 self.report_prepared(out);
             }
             Note::Refused(why) => {
-                self.roll.refusals.entry(why).or_default().push(leaf);
-                self.roll.waiting.remove(&leaf);
-                if self.phase == Phase::Preparing { self.report_prepared(out) } else { self.report_connected(out) }
-            }
-            Note::Connected => {
-                self.roll.waiting.remove(&leaf);
+                self.roll.refused(leaf, why);
+                self.report_prepared(out);
                 self.report_connected(out);
             }
-            Note::Switched(ticket) => self.confirm_switch(leaf, ticket, out),
-            Note::Expecting(ticket) => self.confirm_expecting(ticket, out),
-            Note::Taken { ticket, lost, late, missing } => self.confirm_taken(ticket, lost, late, missing, out),
+            Note::Connected => {
+                self.roll.connected(leaf);
+                self.report_connected(out);
+            }
+            Note::Switched(ticket) => self.links.switched(&self.site, leaf, ticket, out),
+            Note::Expecting(ticket) => self.links.expects(&self.site, ticket, out),
+            Note::Taken { ticket, lost, late, missing } => {
+                self.links.taken(&self.site, ticket, TakenValues { lost, late, missing }, out);
+            }
             Note::Message(message) => self.take_message(leaf, message, out),
-            Note::Sent(number) => self.value_sent(leaf, number, out),
-            Note::Ended(activation, ending) => {
-                if self.begins_again(leaf, &ending, out) {
-                    return;
+            Note::Sent(number) => {
+                if let Some(group) = self.site.activity_of(leaf) {
+                    self.tell_executer(group, out, |executer, _, _| executer.value_sent(number));
                 }
-                if !self.is_succeeded(leaf) {
-                    self.happened(target, Change::Ended(ending.clone()), out);
-                }
-                self.tell_supervisor(target, activation, ending, out);
-                self.forget_switches(leaf, out);
             }
+            Note::Ended(activation, ending) => self.activation_ended(leaf, activation, ending, out),
             Note::EndedLate(activation) => {
-                self.happened(target, Change::EndedLate, out);
+                self.site.happened(target, Change::EndedLate, out);
                 // The end of an activation that is not current decides nothing; it only releases resources.
-                self.tell_supervisor(target, activation, Ending::Stopped, out);
+                self.site.tell_supervisor(target, activation, Ending::Stopped, out);
             }
-            Note::Changed(change) => {
-                if matches!(change, Change::Died(_) | Change::Restarting { .. } | Change::Renewing { .. }) {
-                    self.forget_switches(leaf, out);
-                    self.forget_linking(leaf, out);
-                    self.ports_lost(leaf, out);
-                }
-                if let Change::Restarting { cause, .. } = &change {
-                    self.tell_restart(target, cause, out);
-                }
-                self.tell_change(leaf, change, out);
-            }
+            Note::Changed(change) => self.changed(leaf, change, out),
             Note::Moved(facts) => {
                 self.hold_own(&facts);
                 self.rejoin(facts, out);
             }
-            Note::Rejoined => self.resume(leaf, out),
+            Note::Rejoined => {
+                let open = self.links.reopen(&self.site, leaf);
+                self.with_instance(leaf, out, |instance, context| instance.resume(open, context));
+                ask_for_latched(&self.site, leaf, out);
+            }
             Note::Linked(made) => self.linked(leaf, made, out),
             Note::Replaced => self.replaced(leaf, out),
             Note::Healthy => self.healthy(leaf, out),
@@ -446,27 +512,71 @@ impl Participant {
         }
     }
 
+    /// Takes the end of an activation of a program.
+    fn activation_ended(&mut self, leaf: u32, activation: u32, ending: Ending, out: &mut Out<'_>) {
+        if let Some(next) = self.successions.ended(leaf, &ending) {
+            return self.with_instance(leaf, out, |instance, context| {
+                instance.activate(next.activation, next.value, context);
+            });
+        }
+        let target = Target::Leaf(leaf);
+        if !self.site.is_succeeded(leaf) {
+            self.site.happened(target, Change::Ended(ending.clone()), out);
+        }
+        self.site.tell_supervisor(target, activation, ending, out);
+        self.forget_switches(leaf, out);
+    }
+
+    /// Takes a change of a program.
+    fn changed(&mut self, leaf: u32, change: Change, out: &mut Out<'_>) {
+        if matches!(change, Change::Died(_) | Change::Restarting { .. } | Change::Renewing { .. }) {
+            self.forget_switches(leaf, out);
+            self.forget_linking(leaf, out);
+            if let Some(group) = self.site.activity_of(leaf) {
+                self.tell_executer(group, out, |executer, at, out| executer.ports_lost(at, out));
+            }
+        }
+        if let Change::Restarting { cause, .. } = &change {
+            self.site.tell_restart(Target::Leaf(leaf), cause, out);
+        }
+        // Users see a process with two programs as one.
+        if matches!(change, Change::Stopping | Change::Ended(Ending::Stopped)) && self.site.is_succeeded(leaf) {
+            return;
+        }
+        let is_next = change == Change::Activated && self.successions.contains(leaf);
+        let change = if is_next { Change::Replacing } else { change };
+        self.site.happened(Target::Leaf(leaf), change, out);
+    }
+
+    /// A program that is gone no longer takes part in switches.
+    fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
+        if !self.processes.is_linked(leaf) {
+            self.links.forget_program(&self.site, leaf, out);
+        }
+    }
+
+    /// Does something with a supervisor, and takes its values and its end.
     fn with_executer(
         &mut self,
         group: u32,
         out: &mut Out<'_>,
         act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>,
     ) {
-        let context = self.site.context(self.since_go(out.now), self.together.start());
+        let context = self.site.context(self.activations.since_go(out.now), self.activations.start());
         let acted = self
+            .processes
             .executers
             .with(group, |executer| (act(executer, context, out), executer.activation(), executer.take_sendings()));
         self.report_handover(out);
         let Some((ending, activation, sendings)) = acted else { return };
         self.send_values(group, sendings, out);
-        let Some(ending) = ending else { return };
-        let target = Target::Group(group);
-        self.happened(target, Change::Ended(ending.clone()), out);
-        self.tell_supervisor(target, activation, ending, out);
+        if let Some(ending) = ending {
+            self.site.ended(Target::Group(group), activation, ending, out);
+        }
     }
 
     fn each_executer(&mut self, out: &mut Out<'_>, act: impl Fn(&mut Executer, ExecContext<'_>, &mut Out<'_>)) {
-        for group in self.executers.numbers() {
+        for group in self.processes.executers.numbers() {
             self.tell_executer(group, out, &act);
         }
     }
@@ -481,9 +591,5 @@ impl Participant {
             act(executer, at, out);
             None
         });
-    }
-
-    fn since_go(&self, now: Time) -> Duration {
-        self.together.go_at.map_or(Duration::ZERO, |at| now - at)
     }
 }

@@ -162,7 +162,8 @@ impl Agent {
 
     /// Returns the ends of a wire of a deployment, for users.
     pub fn wire(&self, deployment: &Deployment, number: u32) -> Option<String> {
-        self.participants.get(deployment)?.wire(number)
+        let plan = self.participants.get(deployment)?.plan();
+        plan.wires.get(number as usize).map(|wire| plan.ends(wire))
     }
 
     fn deploy(&mut self, request: u64, one: AwaitingHosts, out: &mut Out<'_>) {

@@ -85,7 +85,6 @@ impl Agent {
 
     /// Carries out a step of a change. Devices that other deployments hold are not taken.
     pub(super) fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
-        let host = &self.identity.host;
         if let Some(reply) = self.against_change(deployment, &order) {
             let home = self.participants.get(deployment).map(Participant::home);
             home.into_iter()
@@ -93,7 +92,7 @@ impl Agent {
             return;
         }
         if let Some(participant) = self.participants.get_mut(deployment) {
-            participant.take_change(order, host, &self.programs, out);
+            participant.take_change(order, &self.programs, out);
         }
     }
 

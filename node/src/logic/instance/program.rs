@@ -104,19 +104,16 @@ impl Instance {
     }
 
     /// Gives the program an order that it answers. Returns whether it will answer.
-    pub fn ask(&mut self, order: Order, context: &mut InstanceContext<'_>) -> bool {
+    pub fn ask(&self, order: Order, effects: &mut Vec<Effect>) -> bool {
         let answers = self.is_linked();
-        if answers {
-            self.tell(order, context);
-        }
+        effects.extend(answers.then(|| self.control(order)));
         answers
     }
 
     /// Passes on the new place of another program that was started again. A program that is making its links knows the old place.
-    pub fn relink(&mut self, order: Order, context: &mut InstanceContext<'_>) {
-        if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
-            self.tell(order, context);
-        }
+    pub fn relink(&self, order: Order, effects: &mut Vec<Effect>) {
+        let takes_it = self.is_linked() || matches!(self.stage, Stage::Connecting { .. });
+        effects.extend(takes_it.then(|| self.control(order)));
     }
 
     /// Takes a message from the shim. `output` is the end of the program's output.

@@ -1,4 +1,4 @@
-//! The orders of supervisors to run and to stop the processes of this host, and the activations that wait.
+//! The activations that wait: for the moment of an aligned start, or for the home.
 //!
 //! An aligned start: nothing is activated after the first question for the clock, since a supervisor elsewhere may have heard of GO
 //! before. From GO on supervisors go ahead, so that wires are open and other hosts have their orders when the moment comes; programs
@@ -7,32 +7,36 @@
 //! A check-in: after its node was away for long, nothing begins until the home has answered, since the home may have given this host up.
 //! Running programs go on, and can be stopped. Restarts and activations wait.
 
-use super::{Participant, Phase};
-use crate::logic::effect::Out;
-use crate::logic::protocol::{Change, Ending, Failure, FailureCause, Target, ToCoordinator};
+use crate::logic::effect::earliest;
+use crate::logic::protocol::{FailureCause, Target};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// How late GO may come before users are told.
-const LATE_MIN: Duration = Duration::from_millis(1);
-/// How late this node may wake up for the moment before users are told: on a busy machine it waits for a core, as programs do.
-pub(super) const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
+/// How long a home that can be reached has to answer: longer than the time after which an absent home is lost.
+const WITHIN: Duration = Duration::from_secs(30);
 
 /// The start of the processes of this host, and the activations that wait.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct Together {
+pub(super) struct Activations {
     /// When the home said GO.
-    pub(super) go_at: Option<Time>,
+    go_at: Option<Time>,
     /// Whether its host was lost or has left, and its programs are not all up again.
-    pub(super) rejoining: bool,
+    is_rejoining: bool,
     /// The question to its home, after its node was away.
-    pub(super) check_in: Option<CheckIn>,
+    check_in: Option<CheckIn>,
     start: Start,
     /// Whether the moment was over when this host looked at its clock last.
     is_over: bool,
-    /// Activations that wait: what, its number, and its value.
-    waiting: Vec<(Target, u32, Vec<u8>)>,
+    waiting: Vec<Activation>,
+}
+
+/// An activation of a process.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Activation {
+    pub(super) target: Target,
+    pub(super) number: u32,
+    pub(super) value: Vec<u8>,
 }
 
 /// When activated programs begin.
@@ -47,19 +51,9 @@ enum Start {
     At(Time),
 }
 
-impl Together {
-    /// Returns the moment, if one is known.
-    pub(super) fn start(&self) -> Time {
-        if let Start::At(start) = self.start { start } else { Time::ZERO }
-    }
-}
-
-/// How long a home that can be reached has to answer: longer than the time after which an absent home is lost.
-const WITHIN: Duration = Duration::from_secs(30);
-
 /// A question to the home.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct CheckIn {
+struct CheckIn {
     number: u64,
     until: Time,
 }
@@ -69,166 +63,194 @@ pub(in crate::logic) fn gone() -> FailureCause {
     FailureCause::NotAvailable("its node has left the deployment".to_owned())
 }
 
-impl Participant {
-    /// Reports the clock of this host, and from now on waits for the moment.
-    pub(super) fn read_clock(&mut self, asked: Time, out: &mut Out<'_>) {
-        if self.together.go_at.is_none() {
-            self.together.start = Start::Unknown;
+impl Activations {
+    /// Takes note of GO: the first one counts.
+    pub(super) fn go(&mut self, now: Time) {
+        self.go_at.get_or_insert(now);
+    }
+
+    /// Returns how long ago GO was.
+    pub(super) fn since_go(&self, now: Time) -> Duration {
+        self.go_at.map_or(Duration::ZERO, |at| now - at)
+    }
+
+    /// Takes note that its host takes part again; GO was `since_go` ago.
+    pub(super) fn rejoin(&mut self, now: Time, since_go: Duration) {
+        self.is_rejoining = true;
+        let since_go = u64::try_from(since_go.as_nanos()).unwrap_or(u64::MAX);
+        self.go_at = Some(Time::from_nanos(now.nanos().saturating_sub(since_go)));
+    }
+
+    /// Takes note that the programs of a host that takes part again are all up.
+    pub(super) const fn has_rejoined(&mut self) {
+        self.is_rejoining = false;
+    }
+
+    /// Returns whether its host takes part again, and its programs are not all up.
+    pub(super) const fn is_rejoining(&self) -> bool {
+        self.is_rejoining
+    }
+
+    /// Waits for a moment from now on, unless GO has come already.
+    pub(super) const fn await_moment(&mut self) {
+        if self.go_at.is_none() {
+            self.start = Start::Unknown;
         }
-        let read = ToCoordinator::ClockRead { asked, shown: out.now };
-        self.site.tell_home(read, out);
     }
 
     /// Takes the moment; none if programs begin as soon as they can.
-    pub(super) fn start_at(&mut self, start: Option<Time>, out: &mut Out<'_>) {
-        self.together.start = start.map_or(Start::AtOnce, Start::At);
-        self.begin_together(LATE_MIN, out);
-        self.activate_waiting(out);
+    pub(super) fn start_at(&mut self, start: Option<Time>) {
+        self.start = start.map_or(Start::AtOnce, Start::At);
+    }
+
+    /// Returns the moment, if one is known.
+    pub(super) const fn start(&self) -> Time {
+        if let Start::At(start) = self.start { start } else { Time::ZERO }
     }
 
     /// Returns when the programs of the first step begin, until then.
-    pub fn starts_at(&self) -> Option<Time> {
-        let Start::At(start) = self.together.start else { return None };
-        (!self.together.is_over && self.together.check_in.is_none()).then_some(start)
+    pub(super) fn starts_at(&self) -> Option<Time> {
+        let Start::At(start) = self.start else { return None };
+        (!self.is_over && self.check_in.is_none()).then_some(start)
+    }
+
+    /// Takes note that the moment has come; returns how late that is noted. It is noted once.
+    pub(super) fn begin(&mut self, now: Time) -> Option<Duration> {
+        let start = self.starts_at().filter(|start| *start <= now)?;
+        self.is_over = true;
+        Some(now.since(start))
     }
 
     /// Returns whether something is to begin later.
     pub(super) fn is_early(&self, target: Target, now: Time) -> bool {
-        if self.together.check_in.is_some() {
+        if self.check_in.is_some() {
             return true;
         }
-        match self.together.start {
+        match self.start {
             Start::AtOnce => false,
             Start::Unknown => true,
             Start::At(start) => now < start && matches!(target, Target::Leaf(_)),
         }
     }
 
-    pub(super) fn begin_later(&mut self, target: Target, activation: u32, value: Vec<u8>) {
-        let is_known = self.together.waiting.iter().any(|(other, number, _)| (*other, *number) == (target, activation));
-        if !is_known {
-            self.together.waiting.push((target, activation, value));
+    /// Has an activation wait.
+    pub(super) fn defer(&mut self, activation: Activation) {
+        if !self.waiting.iter().any(|other| other.is(activation.target, activation.number)) {
+            self.waiting.push(activation);
         }
     }
 
     /// Removes a waiting activation that is stopped; returns whether it waited.
-    pub(super) fn never_begins(&mut self, target: Target, activation: u32) -> bool {
-        let count = self.together.waiting.len();
-        self.together.waiting.retain(|(other, number, _)| (*other, *number) != (target, activation));
-        self.together.waiting.len() < count
+    pub(super) fn cancel(&mut self, target: Target, number: u32) -> bool {
+        let count = self.waiting.len();
+        self.waiting.retain(|other| !other.is(target, number));
+        self.waiting.len() < count
     }
 
-    /// Activates what has waited, if the moment has come. This node may have been suspended, or killed and started
-    /// again, at that moment: if it is too late, its home is told.
-    pub(super) fn begin_together(&mut self, late_min: Duration, out: &mut Out<'_>) {
-        let Some(start) = self.starts_at().filter(|start| *start <= out.now) else { return };
-        self.together.is_over = true;
-        let by = out.now.since(start);
-        if by >= late_min {
-            let late_ms = by.as_secs_f64() * 1000.0;
-            tracing::warn!(deployment = %self.site.deployment, late_ms, "this host begins late at an aligned start");
-            self.site.tell_home(ToCoordinator::BeganLate { by }, out);
-        }
-        self.activate_waiting(out);
+    /// Takes all activations that wait, in the order of their arrival.
+    pub(super) fn take(&mut self) -> Vec<Activation> {
+        std::mem::take(&mut self.waiting)
     }
 
-    /// Drops the waiting activations, because this part of the deployment ends.
-    pub(super) fn begin_never(&mut self, out: &mut Out<'_>) {
-        for (target, activation, _) in std::mem::take(&mut self.together.waiting) {
-            self.tell_supervisor(target, activation, Ending::Stopped, out);
-        }
-    }
-
-    /// Activates what waits, unless it has to wait on.
-    pub(super) fn activate_waiting(&mut self, out: &mut Out<'_>) {
-        for (target, activation, value) in std::mem::take(&mut self.together.waiting) {
-            self.activate(target, activation, value, out);
-        }
-    }
-
-    /// Waits for the answer of its home to this question; returns whether it waits. A part without its home does not wait.
-    pub fn check_in(&mut self, number: u64, now: Time) -> bool {
-        let is_alone = self.phase == Phase::Leaving || self.is_home_lost();
-        if !is_alone {
-            self.together.check_in = Some(CheckIn { number, until: now + WITHIN });
-            self.instances.each(|_, instance| instance.check_in());
-            self.executers.each(|_, executer| executer.check_in());
-        }
-        !is_alone
+    /// Waits for the answer of the home to this question.
+    pub(super) fn check_in(&mut self, number: u64, now: Time) {
+        self.check_in = Some(CheckIn { number, until: now + WITHIN });
     }
 
     /// Returns the question that its home has not answered.
-    pub fn checks_in(&self) -> Option<u64> {
-        self.together.check_in.map(|check_in| check_in.number)
+    pub(super) fn checks_in(&self) -> Option<u64> {
+        self.check_in.map(|check_in| check_in.number)
     }
 
-    /// Goes on: its home has answered, or is lost.
-    pub fn checked_in(&mut self, out: &mut Out<'_>) {
-        if self.together.check_in.take().is_none() {
-            return;
-        }
-        for leaf in self.instances.numbers() {
-            self.with_instance(leaf, out, |instance, context| instance.checked_in(context));
-        }
-        self.activate_waiting(out);
-        self.each_executer(out, |executer, at, out| executer.checked_in(at, out));
+    /// Waits for the home no longer; returns whether it did.
+    pub(super) fn checked_in(&mut self) -> bool {
+        self.check_in.take().is_some()
     }
 
-    /// Limits the wait for the home.
-    pub(super) fn tick_check_in(&mut self, out: &mut Out<'_>) {
-        if self.together.check_in.is_some_and(|check_in| check_in.until <= out.now) {
-            let (deployment, home) = (&self.site.deployment, &self.site.home);
-            tracing::warn!(%deployment, home, "the home has not said whether it has given this host up: its part goes on");
-            self.checked_in(out);
-        }
+    /// Returns whether the home has not answered in time.
+    pub(super) fn is_home_silent(&self, now: Time) -> bool {
+        self.check_in.is_some_and(|check_in| check_in.until <= now)
     }
 
-    /// Returns when [`Participant::tick_check_in`] wants to be called.
-    pub(super) fn check_in_deadline(&self) -> Option<Time> {
-        self.together.check_in.map(|check_in| check_in.until)
+    /// Returns when the moment comes, or the wait for the home is over.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        earliest(self.check_in.map(|check_in| check_in.until), self.starts_at())
+    }
+}
+
+impl Activation {
+    fn is(&self, target: Target, number: u32) -> bool {
+        (self.target, self.number) == (target, number)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEAF: Target = Target::Leaf(1);
+    const GROUP: Target = Target::Group(1);
+
+    fn at(seconds: u64) -> Time {
+        Time::from_nanos(seconds * 1_000_000_000)
     }
 
-    /// Runs a process of this host, for its supervisor.
-    pub(super) fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
-        match target {
-            target if self.is_leaving() => {
-                let (origin, at) = (String::new(), self.since_go(out.now));
-                let failure = Failure { origin, cause: gone(), at };
-                self.tell_supervisor(target, activation, Ending::Aborted(failure), out);
-            }
-            target if self.is_early(target, out.now) => self.begin_later(target, activation, value),
-            Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.attach(leaf, activation, out),
-            Target::Leaf(leaf) if self.refuse_held(leaf, activation, out) => {}
-            Target::Leaf(leaf) => {
-                self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
-            }
-            Target::Group(group) => {
-                if let Some(executer) = self.executers.get(group).filter(|executer| executer.is_running()) {
-                    if executer.activation() != activation {
-                        let (origin, at) = (self.site.group_path(group), self.since_go(out.now));
-                        let failure = Failure { origin, cause: FailureCause::Busy, at };
-                        self.tell_supervisor(target, activation, Ending::Aborted(failure), out);
-                    }
-                    return;
-                }
-                self.happened(target, Change::Activated, out);
-                self.with_executer(group, out, |executer, at, out| executer.activate(activation, &value, at, out));
-            }
-        }
+    fn activation(target: Target) -> Activation {
+        Activation { target, number: 1, value: Vec::new() }
     }
 
-    /// Stops an activation of a process of this host.
-    pub(super) fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
-        match target {
-            target if self.never_begins(target, activation) => {
-                self.tell_supervisor(target, activation, Ending::Stopped, out);
-            }
-            Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.detach(leaf, activation, out),
-            Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, context| instance.stop(activation, context)),
-            Target::Group(group) => {
-                self.happened(target, Change::Stopping, out);
-                self.with_executer(group, out, |executer, at, out| executer.stop(activation, at, out));
-            }
-        }
+    /// Nothing begins between the question for the clock and GO. From GO on supervisors begin, and programs at the moment.
+    #[test]
+    fn an_aligned_start_holds_programs_back() {
+        let mut activations = Activations::default();
+        assert!(!activations.is_early(LEAF, at(1)));
+        activations.await_moment();
+        assert!(activations.is_early(LEAF, at(1)) && activations.is_early(GROUP, at(1)));
+        activations.go(at(2));
+        activations.start_at(Some(at(4)));
+        assert!(activations.is_early(LEAF, at(3)) && !activations.is_early(GROUP, at(3)));
+        assert_eq!((activations.starts_at(), activations.begin(at(3))), (Some(at(4)), None));
+        assert_eq!(activations.begin(at(5)), Some(Duration::from_secs(1)));
+        assert_eq!((activations.starts_at(), activations.begin(at(6))), (None, None));
+        assert!(!activations.is_early(LEAF, at(6)));
+        activations.await_moment();
+        assert!(!activations.is_early(LEAF, at(6)), "after GO a question for the clock changes nothing");
+    }
+
+    /// Everything waits for the answer of the home, even an aligned start, but not for ever.
+    #[test]
+    fn a_check_in_holds_everything_back() {
+        let mut activations = Activations::default();
+        activations.start_at(Some(at(4)));
+        activations.check_in(7, at(1));
+        assert!(activations.is_early(LEAF, at(9)) && activations.is_early(GROUP, at(9)));
+        assert_eq!((activations.starts_at(), activations.begin(at(9))), (None, None));
+        assert_eq!((activations.checks_in(), activations.deadline()), (Some(7), Some(at(31))));
+        assert!(!activations.is_home_silent(at(30)) && activations.is_home_silent(at(31)));
+        assert!(activations.checked_in() && !activations.checked_in());
+        assert_eq!((activations.deadline(), activations.begin(at(9))), (Some(at(4)), Some(Duration::from_secs(5))));
+    }
+
+    /// An order that is repeated waits once. An activation that is stopped in the meantime never begins.
+    #[test]
+    fn an_activation_waits_once() {
+        let mut activations = Activations::default();
+        activations.defer(activation(LEAF));
+        activations.defer(activation(LEAF));
+        activations.defer(activation(GROUP));
+        assert!(activations.cancel(LEAF, 1) && !activations.cancel(LEAF, 1) && !activations.cancel(GROUP, 2));
+        assert_eq!(activations.take(), [activation(GROUP)]);
+        assert!(activations.take().is_empty());
+    }
+
+    #[test]
+    fn the_first_go_counts() {
+        let mut activations = Activations::default();
+        assert_eq!(activations.since_go(at(3)), Duration::ZERO);
+        activations.go(at(2));
+        activations.go(at(3));
+        assert_eq!(activations.since_go(at(5)), Duration::from_secs(3));
+        activations.rejoin(at(5), Duration::from_secs(9));
+        assert_eq!((activations.since_go(at(6)), activations.is_rejoining()), (Duration::from_secs(6), true));
     }
 }

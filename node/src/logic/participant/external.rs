@@ -6,16 +6,13 @@
 //! deployment starts again stays active during the restart, as for its own supervisor, and its callers are then told
 //! its new address.
 
-use super::{Participant, Phase};
-use crate::logic::effect::Out;
-use crate::logic::executer::leaf_host;
+use super::site::Site;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Change, Ending, Failure, FailureCause, LeafFacts, ProcessStatus, Target};
-use crate::logic::wiring::partners;
-use comms::logic::control::{Location, Order, Partner};
-use language::plan::{External, Plan, Transfer};
+use crate::logic::protocol::{LeafFacts, ProcessStatus};
+use comms::logic::control::Location;
+use language::plan::{External, Leaf, Plan, Transfer};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A process that another deployment runs on this host.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,9 +23,15 @@ pub struct Seen {
     is_active: bool,
 }
 
+/// The processes of other deployments that this one uses on this host, by the leaves that stand for them.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Externals {
+    all: BTreeMap<u32, ExternalProcess>,
+}
+
 /// A process of another deployment that this one uses.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct ExternalProcess {
+struct ExternalProcess {
     /// The last state seen, or why the process is not there.
     seen: Result<Seen, String>,
     /// The activation that has not ended.
@@ -46,6 +49,18 @@ pub struct Wanted<'a> {
     pub exports: Vec<&'a str>,
 }
 
+impl Seen {
+    /// Returns a process whose program has said these facts; none if it cannot be reached.
+    pub(super) fn new(facts: &LeafFacts, is_active: bool) -> Option<Self> {
+        Some(Self { location: facts.location.clone()?, owns: facts.owns.clone(), is_active })
+    }
+
+    /// Returns the process as a leaf of the deployment that uses it.
+    fn facts(&self, leaf: u32) -> LeafFacts {
+        LeafFacts { location: Some(self.location.clone()), owns: self.owns.clone(), ..LeafFacts::plain(leaf) }
+    }
+}
+
 impl<'a> Wanted<'a> {
     /// Returns the use that a plan makes of a process of another deployment at a leaf; nothing if the leaf is not such
     /// a process.
@@ -54,37 +69,13 @@ impl<'a> Wanted<'a> {
         let exports = calls.map(|wire| wire.to.port.as_str()).collect();
         Some(Self { external: plan.external(leaf)?, module: &plan.leaves.get(leaf as usize)?.module, exports })
     }
-}
 
-impl Participant {
-    /// Returns the leaves of this host that stand for processes of other deployments.
-    pub fn externals(&self) -> Vec<u32> {
-        self.externals.keys().copied().collect()
-    }
-
-    /// Returns the program that another deployment means by a path.
-    pub fn served(&self, path: &str) -> Option<u32> {
-        let is_meant = |leaf: &u32| self.path(*leaf) == Some(path) && !self.is_succeeded(*leaf);
-        self.instances.iter().map(|(leaf, _)| leaf).find(is_meant)
-    }
-
-    /// Returns what another deployment sees of a process here.
+    /// Checks that a process is the wanted one.
     ///
     /// # Errors
-    /// Why it cannot be used, for a person.
-    pub fn show(&self, wanted: &Wanted<'_>, programs: &Programs) -> Result<Seen, String> {
-        let Wanted { external, module, exports } = wanted;
-        let name = &external.deployment;
-        match self.phase {
-            Phase::Preparing | Phase::Connecting => return Err(format!("`{name}` does not run yet")),
-            Phase::Leaving => return Err(format!("`{name}` has ended")),
-            Phase::Running => {}
-        }
-        let here = self.served(&external.path);
-        let found = here.and_then(|leaf| Some((leaf, self.site.plan.leaves.get(leaf as usize)?)));
-        let Some((leaf, found)) = found else {
-            return Err(format!("`{name}` runs no `{}` there", external.path));
-        };
+    /// Why it is not, for a person.
+    pub(super) fn check(&self, found: &Leaf, programs: &Programs) -> Result<(), String> {
+        let Wanted { external, module, exports } = self;
         if found.module != *module {
             return Err(format!("{external} is a `{}`, not a `{module}`", found.module));
         }
@@ -93,121 +84,76 @@ impl Participant {
         {
             return Err(format!("{external} has no `{missing}`: its `{module}` is another one"));
         }
-        let instance = self.instances.get(leaf).filter(|instance| instance.has_joined());
-        let facts = self.links.registrations.facts.get(&leaf);
-        let found = facts.and_then(|facts| Some((facts.location.clone()?, facts.owns.clone())));
-        match instance.zip(found) {
-            Some((instance, _)) if instance.is_gone() => Err(format!("{external} has died")),
-            Some((instance, (location, owns))) => Ok(Seen { location, owns, is_active: instance.is_active() }),
-            None => Err(format!("{external} is not there")),
-        }
+        Ok(())
+    }
+}
+
+impl Externals {
+    /// Takes note of a process that the plan uses here. Returns its facts.
+    ///
+    /// # Errors
+    /// Why the process is not there.
+    pub(super) fn find(&mut self, leaf: u32, seen: Result<Seen, String>) -> Result<LeafFacts, String> {
+        let facts = seen.as_ref().map(|seen| seen.facts(leaf)).map_err(Clone::clone);
+        self.all.insert(leaf, ExternalProcess { seen, current: None });
+        facts
     }
 
-    /// Takes note of the processes of other deployments that it uses here. A missing process is a reason against it.
-    pub(super) fn find_externals(&mut self, all: BTreeMap<u32, Result<Seen, String>>) {
-        for (leaf, seen) in all {
-            match &seen {
-                Ok(seen) => self.roll.facts.push(facts(leaf, seen)),
-                Err(why) => {
-                    let path = self.path(leaf).unwrap_or_default();
-                    self.roll
-                        .reasons
-                        .push(format!("host `{}`: `{path}` runs in another deployment: {why}", self.site.host));
-                }
-            }
-            self.externals.insert(leaf, ExternalProcess { seen, current: None });
-        }
+    /// Returns the leaves that stand for processes of other deployments.
+    pub(super) fn leaves(&self) -> Vec<u32> {
+        self.all.keys().copied().collect()
     }
 
-    /// Begins to watch a process of another deployment, for its supervisor here.
-    pub(super) fn attach(&mut self, leaf: u32, activation: u32, out: &mut Out<'_>) {
-        let Some(process) = self.externals.get_mut(&leaf) else { return };
-        if process.current.replace(activation) == Some(activation) {
-            return;
-        }
-        self.happened(Target::Leaf(leaf), Change::Activated, out);
-        self.end_if_over(leaf, out);
+    /// Returns whether a leaf stands for a process of another deployment.
+    pub(super) fn contains(&self, leaf: u32) -> bool {
+        self.all.contains_key(&leaf)
     }
 
-    /// Stops watching a process of another deployment.
-    pub(super) fn detach(&mut self, leaf: u32, activation: u32, out: &mut Out<'_>) {
-        if let Some(process) = self.externals.get_mut(&leaf)
-            && process.current == Some(activation)
-        {
-            self.end_watch(leaf, Ending::Stopped, out);
-        }
+    /// Begins to watch a process; returns whether this activation is new.
+    pub(super) fn attach(&mut self, leaf: u32, activation: u32) -> bool {
+        self.all.get_mut(&leaf).is_some_and(|process| process.current.replace(activation) != Some(activation))
     }
 
-    /// Takes note of the present state of a process of another deployment.
-    pub fn sees(&mut self, leaf: u32, seen: Result<Seen, String>, out: &mut Out<'_>) {
-        let Some(process) = self.externals.get_mut(&leaf).filter(|process| process.seen != seen) else { return };
+    /// Stops watching a process; returns whether this activation was watched.
+    pub(super) fn detach(&mut self, leaf: u32, activation: u32) -> bool {
+        self.all.get_mut(&leaf).is_some_and(|process| process.current.take_if(|own| *own == activation).is_some())
+    }
+
+    /// Takes note of the present state of a process; returns whether it is another one.
+    pub(super) fn sees(&mut self, leaf: u32, seen: Result<Seen, String>) -> bool {
+        let Some(process) = self.all.get_mut(&leaf).filter(|process| process.seen != seen) else { return false };
         process.seen = seen;
-        if let Ok(seen) = &process.seen {
-            let facts = facts(leaf, seen);
-            if self.links.registrations.facts.get(&leaf) != Some(&facts) {
-                self.tell_where(&facts, out);
-                self.moved(facts, out);
-            }
-        }
-        self.end_if_over(leaf, out);
+        true
     }
 
-    fn end_if_over(&mut self, leaf: u32, out: &mut Out<'_>) {
-        let Some(ExternalProcess { seen, current: Some(_) }) = self.externals.get(&leaf) else { return };
-        let why = match seen {
-            Ok(seen) if seen.is_active => return,
+    /// Returns the facts of a process that is there.
+    pub(super) fn facts(&self, leaf: u32) -> Option<LeafFacts> {
+        Some(self.all.get(&leaf)?.seen.as_ref().ok()?.facts(leaf))
+    }
+
+    /// Stops watching a process that is not active any more. Returns the activation, and why it aborts.
+    pub(super) fn end_if_over(&mut self, site: &Site, leaf: u32) -> Option<(u32, String)> {
+        let process = self.all.get_mut(&leaf)?;
+        let why = match &process.seen {
+            Ok(seen) if seen.is_active => return None,
             Ok(_) => {
-                let external = self.site.plan.external(leaf).map(ToString::to_string).unwrap_or_default();
+                let external = site.plan.external(leaf).map(ToString::to_string).unwrap_or_default();
                 format!("{external} is not active")
             }
             Err(why) => why.clone(),
         };
-        let origin = self.path(leaf).unwrap_or_default().to_owned();
-        let failure = Failure { origin, cause: FailureCause::NotAvailable(why), at: self.since_go(out.now) };
-        self.end_watch(leaf, Ending::Aborted(failure), out);
+        Some((process.current.take()?, why))
     }
 
-    fn end_watch(&mut self, leaf: u32, ending: Ending, out: &mut Out<'_>) {
-        let watched = self.externals.get_mut(&leaf).and_then(|process| process.current.take());
-        let Some(activation) = watched else { return };
-        let target = Target::Leaf(leaf);
-        self.happened(target, Change::Ended(ending.clone()), out);
-        self.tell_supervisor(target, activation, ending, out);
+    /// Forgets the processes that the plan does not use any more.
+    pub(super) fn retain(&mut self, leaves: &BTreeSet<u32>) {
+        self.all.retain(|leaf, _| leaves.contains(leaf));
     }
 
-    /// Returns which programs call a process of another deployment, by their keys; none outside of a team.
-    pub fn callers(&self, leaf: u32) -> Vec<Partner> {
-        let is_linked = matches!(self.phase, Phase::Connecting | Phase::Running);
-        let partners = || partners(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf);
-        is_linked.then(partners).flatten().unwrap_or_default()
-    }
-
-    /// Takes note of which programs of other deployments call programs here, and tells those.
-    pub fn serve(&mut self, clients: BTreeMap<u32, Vec<Partner>>, out: &mut Out<'_>) {
-        if self.links.clients == clients {
-            return;
-        }
-        let before = std::mem::replace(&mut self.links.clients, clients);
-        let all: Vec<u32> = before.keys().chain(self.links.clients.keys()).copied().collect();
-        for leaf in all.into_iter().filter(|leaf| before.get(leaf) != self.links.clients.get(leaf)).collect::<Vec<_>>()
-        {
-            if let Some(order) = self.partners(leaf) {
-                self.with_instance(leaf, out, |instance, context| instance.relink(order, context));
-            }
-        }
-    }
-
-    /// Returns the order that tells a program the other ends of its wires, and its callers from other deployments.
-    pub(super) fn partners(&self, leaf: u32) -> Option<Order> {
-        let mut partners = partners(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf)?;
-        partners.extend(self.links.clients.get(&leaf).into_iter().flatten().cloned());
-        Some(Order::Partners { partners })
-    }
-
-    /// Returns the processes of other deployments, as shown to users.
-    pub(super) fn external_status(&self) -> impl Iterator<Item = ProcessStatus> + '_ {
-        self.externals.iter().filter_map(|(leaf, process)| {
-            let found = self.site.plan.leaves.get(*leaf as usize)?;
+    /// Returns the processes, as shown to users.
+    pub(super) fn status(&self, site: &Site) -> impl Iterator<Item = ProcessStatus> {
+        self.all.iter().filter_map(|(leaf, process)| {
+            let found = site.leaf(*leaf)?;
             let external = found.external.as_ref()?;
             let state = match (&process.seen, process.current) {
                 (Ok(_), Some(_)) => format!("running: {external}"),
@@ -223,14 +169,28 @@ impl Participant {
             })
         })
     }
-
-    /// Returns whether this host has to report the facts of a leaf.
-    pub(super) fn is_own(&self, facts: &LeafFacts) -> bool {
-        let is_here = leaf_host(&self.site.plan, facts.leaf) == Some(self.site.host.as_str());
-        is_here && (self.instances.contains(facts.leaf) || self.externals.contains_key(&facts.leaf))
-    }
 }
 
-fn facts(leaf: u32, seen: &Seen) -> LeafFacts {
-    LeafFacts { location: Some(seen.location.clone()), owns: seen.owns.clone(), ..LeafFacts::plain(leaf) }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(is_active: bool) -> Result<Seen, String> {
+        let location = Location { session: "b".into(), ..Location::default() };
+        Ok(Seen { location, owns: Vec::new(), is_active })
+    }
+
+    /// Each activation of a process that is watched ends once: by its stop, or by the end of the process.
+    #[test]
+    fn an_activation_is_watched_once() {
+        let mut externals = Externals::default();
+        assert!(externals.find(3, seen(true)).is_ok() && externals.find(4, Err("it is not there".into())).is_err());
+        assert!(externals.attach(3, 1) && !externals.attach(3, 1) && !externals.attach(5, 1));
+        assert!(!externals.detach(3, 2) && externals.detach(3, 1) && !externals.detach(3, 1));
+        assert!(!externals.sees(3, seen(true)) && externals.sees(3, seen(false)));
+        assert!(externals.facts(3).is_some());
+        assert!(externals.sees(3, Err("it has died".into())) && externals.facts(3).is_none());
+        externals.retain(&BTreeSet::from([4]));
+        assert_eq!(externals.leaves(), [4]);
+    }
 }

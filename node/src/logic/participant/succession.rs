@@ -4,115 +4,95 @@
 //! activation of its predecessor, which keeps running in the meantime. Once it runs, the supervisor hands the
 //! connections over, and stops the predecessor. The predecessor leaves when the change has held; it stays until then,
 //! in case the next program is unhealthy.
+//!
+//! A program is here from the order of its supervisor until it runs or ends. If it still has to finish a stop, its next
+//! activation waits here.
 
-use super::Participant;
-use crate::logic::effect::Out;
-use crate::logic::executer::MemberRef;
-use crate::logic::instance::Instance;
-use crate::logic::protocol::{Change, Ending, Target, ToParticipant};
-use language::plan::MemberKind;
+use crate::logic::protocol::Ending;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The programs that are to take the place of others and are not running yet.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Successions {
+    all: BTreeMap<u32, Succession>,
+}
 
 /// A program that is to take the place of another one.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Succeeding {
+struct Succession {
     by: Supervisor,
-    /// The next activation and its value, if the program first has to finish a stop.
-    then: Option<(u32, Vec<u8>)>,
+    /// The next activation, if the program first has to finish a stop.
+    then: Option<NextActivation>,
 }
 
 /// The supervisor of a group.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Supervisor {
     pub(super) group: u32,
     pub(super) host: String,
 }
 
-impl Participant {
-    /// Activates a program beside another one, for a supervisor.
-    pub(super) fn succeed(&mut self, by: Supervisor, leaf: u32, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
-        let Some(instance) = self.instances.get(leaf) else { return };
-        // A program that was not healthy is taken away again: its home knows.
-        if self.is_adding(leaf) && !instance.is_linked() {
-            return;
+/// An activation that follows a stop.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct NextActivation {
+    pub(super) activation: u32,
+    pub(super) value: Vec<u8>,
+}
+
+impl Successions {
+    /// Takes note that a supervisor has a program take the place of another one.
+    pub(super) fn begin(&mut self, leaf: u32, by: Supervisor, then: Option<NextActivation>) {
+        self.all.insert(leaf, Succession { by, then });
+    }
+
+    /// Takes the end of an activation. Returns the next activation if the program has finished its earlier stop; otherwise
+    /// it takes the place of no program any more.
+    pub(super) fn ended(&mut self, leaf: u32, ending: &Ending) -> Option<NextActivation> {
+        let then = self.all.get_mut(&leaf)?.then.take().filter(|_| *ending == Ending::Stopped);
+        if then.is_none() {
+            self.all.remove(&leaf);
         }
-        let (is_active, is_stopping) = (instance.is_active(), instance.is_stopping());
-        let then = is_stopping.then(|| (activation, value.clone()));
-        self.changes.succeeding.insert(leaf, Succeeding { by, then });
-        if !is_active {
-            self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
-        } else if !is_stopping {
-            // The program was never stopped.
-            self.has_begun(leaf, out);
-        }
+        then
     }
 
-    /// Activates a program again that has finished its earlier stop; returns whether it did so.
-    pub(super) fn begins_again(&mut self, leaf: u32, ending: &Ending, out: &mut Out<'_>) -> bool {
-        let Some(succeeding) = self.changes.succeeding.get_mut(&leaf) else { return false };
-        match succeeding.then.take().filter(|_| *ending == Ending::Stopped) {
-            Some((activation, value)) => {
-                self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
-                true
-            }
-            None => {
-                self.changes.succeeding.remove(&leaf);
-                false
-            }
-        }
+    /// Takes note that a program runs; returns the supervisor that waits for that.
+    pub(super) fn begun(&mut self, leaf: u32) -> Option<Supervisor> {
+        self.all.remove(&leaf).map(|succession| succession.by)
     }
 
-    /// A change is not over before programs have handed their connections over.
-    pub(super) fn report_handover(&mut self, out: &mut Out<'_>) {
-        if self.changes.current.is_some() && !self.hands_over() {
-            self.report_change(out);
-        }
+    /// Returns whether a program is to take the place of another one, and does not run yet.
+    pub(super) fn contains(&self, leaf: u32) -> bool {
+        self.all.contains_key(&leaf)
     }
 
-    /// Returns whether a supervisor of this host hands connections over.
-    pub(super) fn hands_over(&self) -> bool {
-        self.executers.iter().any(|(_, executer)| executer.hands_over())
+    /// Forgets all of them: the change has held, or was taken back.
+    pub(super) fn clear(&mut self) {
+        self.all.clear();
     }
+}
 
-    /// Tells a supervisor of this host how a member has ended.
-    pub(super) fn member_ended(&mut self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
-        let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
-        self.with_executer(group, out, |executer, at, out| {
-            if !executer.speaks(slot, target, at, out) {
-                return None;
-            }
-            executer.ended(MemberRef { slot, activation }, ending, at, out)
-        });
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    /// Tells a supervisor that a program runs that is to take the place of another one.
-    pub(super) fn has_begun(&mut self, leaf: u32, out: &mut Out<'_>) {
-        let Some(Succeeding { by: Supervisor { group, host }, .. }) = self.changes.succeeding.remove(&leaf) else {
-            return;
-        };
-        let is_other = |other: u32| other != leaf && self.path(other) == self.path(leaf);
-        let is_handed_over = self.instances.iter().any(|(other, instance)| is_other(other) && instance.is_linked());
-        let word = ToParticipant::Succeeding { group, leaf, is_handed_over };
-        self.site.tell(&host, word, out);
-        if self.instances.get(leaf).is_some_and(Instance::is_active) {
-            self.happened(Target::Leaf(leaf), Change::Resumed, out);
-        }
-    }
-
-    /// Returns whether the plan has another program in the place of this one, which is about to leave.
-    pub(super) fn is_succeeded(&self, leaf: u32) -> bool {
-        let Some((group, slot)) = self.site.supervisors.get(&Target::Leaf(leaf)) else { return true };
-        let members = self.site.plan.groups.get(*group as usize).map_or(&[][..], |group| &group.members);
-        members.get(*slot as usize).is_none_or(|member| member.kind != MemberKind::Leaf(leaf))
-    }
-
-    /// Reports a change to the users who watch. They see a process with two programs as one.
-    pub(super) fn tell_change(&self, leaf: u32, change: Change, out: &mut Out<'_>) {
-        if matches!(change, Change::Stopping | Change::Ended(Ending::Stopped)) && self.is_succeeded(leaf) {
-            return;
-        }
-        let is_next = change == Change::Activated && self.changes.succeeding.contains_key(&leaf);
-        let change = if is_next { Change::Replacing } else { change };
-        self.happened(Target::Leaf(leaf), change, out);
+    /// A program that was stopped before begins again once. Any other end of it ends the succession.
+    #[test]
+    fn a_program_begins_again_after_its_stop() {
+        let by = Supervisor { group: 1, host: "c1".into() };
+        let next = NextActivation { activation: 3, value: vec![7] };
+        let mut successions = Successions::default();
+        successions.begin(5, by.clone(), Some(next.clone()));
+        assert_eq!(successions.ended(5, &Ending::Stopped), Some(next.clone()));
+        assert!(successions.contains(5));
+        assert_eq!(successions.begun(5), Some(by.clone()));
+        assert_eq!(successions.begun(5), None);
+        successions.begin(5, by.clone(), Some(next));
+        assert_eq!(successions.ended(5, &Ending::Done(Vec::new())), None);
+        assert!(!successions.contains(5));
+        successions.begin(5, by, None);
+        assert_eq!(successions.ended(5, &Ending::Stopped), None);
+        assert!(!successions.contains(5));
+        assert_eq!(successions.ended(6, &Ending::Stopped), None, "it takes the place of no program");
     }
 }
