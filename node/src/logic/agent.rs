@@ -1,10 +1,11 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
+//!
+//! This file has the inputs of the driver, and the time. `delivery` has the messages between nodes, and `calls` the calls of
+//! command lines. Each other file has a part of the agent, which owns its state.
 
-mod attention;
 mod boot;
 mod calls;
 mod check_in;
-mod crash_loop;
 mod delivery;
 mod estop;
 mod external;
@@ -12,53 +13,43 @@ mod input;
 mod inquiries;
 mod namesakes;
 mod orders;
-mod over;
+mod past;
 mod peers;
+mod pending;
 mod promises;
-mod relay;
+mod run;
+mod tombstones;
 
-use boot::Resumed;
 use check_in::CheckIns;
 use estop::Stopped;
 pub use input::Input;
 use inquiries::Inquiries;
-use namesakes::Rivalry;
 use orders::Orders;
+pub use past::OVER_MAX;
+use past::Past;
+use peers::Peers;
+use pending::Pending;
 use promises::Promises;
+use run::Run;
 
-use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
 use crate::logic::coordinator::Coordinator;
+use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
-use crate::logic::history::History;
-use crate::logic::link::Link;
-use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Before, Containment, Deployment, Earlier, Estop, Network, NodeStatus, Signed, StartMode, Tombstone,
+    Absent, Containment, Deployment, Earlier, Estop, Message, Network, NodeStatus, ToCoordinator, Why,
 };
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
-use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::sync::Arc;
 use std::time::Duration;
 
 /// How many deployments a node takes part in at once.
 const DEPLOYMENTS_MAX: usize = 64;
-
-/// How long a node that leaves waits for others to acknowledge its last messages.
-const LINGER_MAX: Duration = Duration::from_secs(1);
-
-/// How many deployments that are over are remembered, and keep their programs' output.
-pub const OVER_MAX: usize = 8;
-
-/// How long a successor still takes over the end of a deployment: a caller that waits for the end may not have heard
-/// it, and asks again.
-const END_KEPT: Duration = Duration::from_secs(10);
 
 /// The facts that an agent is given once, at its start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -99,58 +90,6 @@ pub struct Agent {
     stopped: Stopped,
 }
 
-/// The life of this node.
-#[derive(Debug, Serialize, Deserialize)]
-struct Run {
-    started: Time,
-    /// The calendar clock at [`Time::ZERO`], as time since 1970.
-    calendar: Duration,
-    /// The last few times at which this agent was made again from its inputs.
-    adoptions: VecDeque<Time>,
-    leaving: bool,
-    /// The time until which a node without any work left waits for others to acknowledge its last messages.
-    lingers_until: Option<Time>,
-}
-
-/// The other nodes.
-#[derive(Debug, Serialize, Deserialize)]
-struct Peers {
-    names: NameServer,
-    absence: Absence,
-    /// For each name, the links to its last boots; the link to the holder of the name comes last.
-    links: BTreeMap<String, Vec<Link>>,
-    /// The holder of each name, as it was reported last.
-    holders: BTreeMap<String, u64>,
-    /// The hosts that get the beats of this node, as they were ordered last.
-    beaten: BTreeSet<String>,
-    rivalry: Rivalry,
-}
-
-/// The deployments that have not begun, and those that must not begin.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Pending {
-    /// The requests that were made, by number.
-    requests: BTreeSet<u64>,
-    awaiting: Vec<AwaitingHosts>,
-    /// The deployments that ran before this node, until they are told.
-    earlier: Vec<Before>,
-    /// The deployments of other homes that were stopped while those were away.
-    tombstones: BTreeSet<Tombstone>,
-}
-
-/// The deployments that are over here.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Past {
-    /// Their reports, for callers that were cut off when it happened; the latest first.
-    over: VecDeque<History>,
-    /// The time until which a successor takes over the end of the last deployment.
-    over_until: Option<Time>,
-    /// The programs of these deployments on this host, by leaf and path; the latest first.
-    programs: VecDeque<(Deployment, Vec<(u32, String)>)>,
-    /// The programs of these deployments that may still run.
-    unended: BTreeMap<Deployment, UnendedPrograms>,
-}
-
 /// The calls and hosts that wait for an answer.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Callers {
@@ -162,55 +101,16 @@ struct Callers {
     promises: Promises,
 }
 
-/// Programs that could not be ended when their deployment was.
-#[derive(Debug, Serialize, Deserialize)]
-struct UnendedPrograms {
-    /// The host of `main`.
-    home: String,
-    /// Indices into `Plan::leaves`.
-    leaves: BTreeSet<u32>,
-    /// The devices that the deployment held here. They stay reserved until its programs have ended.
-    claims: Claims,
-}
-
-/// A deployment that waits for hosts which this node has not seen yet.
-#[derive(Debug, Serialize, Deserialize)]
-struct AwaitingHosts {
-    until: Time,
-    /// The call that asked for it; none for a deployment that is resumed.
-    call: Option<u64>,
-    plan: Plan,
-    /// The user who wants it, such as `ann@c1`.
-    by: String,
-    /// The request, if a user has signed it.
-    signed: Option<Arc<Signed>>,
-    resumed: Option<Resumed>,
-    start: StartMode,
-}
-
 impl Agent {
     /// Returns an agent that knows no other node yet.
     pub fn new(mut identity: Identity, programs: Programs, now: Time) -> Self {
         let open = std::mem::take(&mut identity.open);
-        let stopped = Self::stopped_before(identity.estop.take());
+        let stopped = Stopped::before(identity.estop.take());
         let Earlier { running, tombstones } = std::mem::take(&mut identity.earlier);
         Self {
-            run: Run {
-                started: now,
-                calendar: Duration::ZERO,
-                adoptions: VecDeque::new(),
-                leaving: false,
-                lingers_until: None,
-            },
-            peers: Peers {
-                names: NameServer::new(&identity.host, identity.boot, now),
-                absence: Absence::new(&identity.host, open, now),
-                links: BTreeMap::new(),
-                holders: BTreeMap::new(),
-                beaten: BTreeSet::new(),
-                rivalry: Rivalry::default(),
-            },
-            pending: Pending { earlier: running, tombstones: tombstones.into_iter().collect(), ..Pending::default() },
+            run: Run::new(now),
+            peers: Peers::new(&identity.host, identity.boot, open, now),
+            pending: Pending::new(running, tombstones.into_iter().collect()),
             identity,
             programs,
             coordinators: BTreeMap::new(),
@@ -228,9 +128,9 @@ impl Agent {
             self.run.calendar = origin;
             return;
         }
-        let (mut more, since_1970) = (Vec::new(), self.since_1970(now));
+        let (mut more, since_1970) = (Vec::new(), self.run.since_1970(now));
         let mut out = Out { now, since_1970, effects, messages: &mut more };
-        self.check_in(&mut out);
+        self.callers.check_ins.check_in(&self.peers.names, self.participants.values_mut(), &mut out);
         // This comes first, so that a caller whose question is the first input hears of these deployments.
         self.look_back(&mut out);
         self.take(input, &mut out);
@@ -243,12 +143,13 @@ impl Agent {
                 if to == self.identity.host {
                     self.deliver_own(message, &mut out);
                 } else {
-                    self.note_outcome(&to, &message, out.effects);
+                    self.orders.note_outcome(&to, &message, out.effects);
                     self.transmit(&to, message, &mut out);
                 }
                 messages.extend(more.drain(..));
             }
-            self.look_at_externals(&mut Out { now, since_1970, effects, messages: &mut more });
+            let mut out = Out { now, since_1970, effects, messages: &mut more };
+            external::look_at(&mut self.participants, &self.programs, &mut out);
             messages.extend(more.drain(..));
             if messages.is_empty() {
                 break;
@@ -259,12 +160,8 @@ impl Agent {
 
     /// Returns whether a successor has anything to take over: a deployment, one that has just ended, or programs of one.
     pub fn is_engaged(&self, now: Time) -> bool {
-        let has_just_ended = self.past.over_until.is_some_and(|until| now < until);
-        has_just_ended
-            || !(self.coordinators.is_empty()
-                && self.participants.is_empty()
-                && self.past.unended.is_empty()
-                && self.pending.awaiting.is_empty())
+        let is_idle = self.coordinators.is_empty() && self.participants.is_empty() && self.pending.waiting().is_empty();
+        self.past.is_engaged(now) || !is_idle
     }
 
     /// Returns its number among the runs of its node, which it keeps when it is made again.
@@ -277,11 +174,6 @@ impl Agent {
         self.run.calendar
     }
 
-    /// Returns a moment on the calendar clock.
-    fn since_1970(&self, now: Time) -> Duration {
-        self.run.calendar + now.since(Time::ZERO)
-    }
-
     /// Returns the time at which this node began.
     pub fn started(&self) -> Time {
         self.run.started
@@ -289,12 +181,12 @@ impl Agent {
 
     /// Returns the boot that holds each name.
     pub fn holders(&self) -> &BTreeMap<String, u64> {
-        &self.peers.holders
+        self.peers.holders()
     }
 
     /// Returns the hosts that get the beats of this node.
     pub fn beaten(&self) -> &BTreeSet<String> {
-        &self.peers.beaten
+        self.peers.beaten()
     }
 
     /// Continues in another process, with the programs that the new process offers, in a team or not.
@@ -321,16 +213,13 @@ impl Agent {
     pub fn deadline(&self) -> Option<Time> {
         let coordinators = self.coordinators.values().map(Coordinator::deadline);
         let participants = self.participants.values().map(Participant::deadline);
-        let links = self.peers.links.values().flatten().map(Link::deadline);
-        let gathering = self.pending.awaiting.iter().map(AwaitingHosts::deadline);
-        let looking_back = (!self.pending.earlier.is_empty()).then_some(self.run.started);
+        let looking_back = self.pending.looks_back().then_some(self.run.started);
         coordinators
             .chain(participants)
-            .chain(links)
-            .chain(gathering)
-            .chain([self.peers.absence.deadline(), self.callers.inquiries.deadline()])
-            .chain([self.run.lingers_until, self.past.over_until, looking_back])
-            .fold(self.peers.names.deadline(), earliest)
+            .chain([self.peers.names.deadline(), self.peers.absence.deadline(), self.peers.links_deadline()])
+            .chain([self.pending.deadline(), self.callers.inquiries.deadline()])
+            .chain([self.run.deadline(), self.past.deadline(), looking_back])
+            .fold(None, earliest)
     }
 
     fn take(&mut self, input: Input, out: &mut Out<'_>) {
@@ -352,7 +241,7 @@ impl Agent {
                 if let Some(participant) = self.participants.get_mut(&process.deployment) {
                     participant.observe(process.leaf, report, output, out);
                 } else if report == ShimReport::Gone {
-                    self.loose_ended(&process, out);
+                    self.program_ended(&process, out);
                 }
             }
             Input::Control { process, notice } => self.hear(&process, notice, out),
@@ -376,16 +265,16 @@ impl Agent {
                     coordinator.committed(written, out);
                 }
             }
-            Input::EstopKept { number, written } => self.estop_kept(number, written, out),
-            Input::Unkept { deployment, written } => self.unkept(&deployment, &written, out),
+            Input::EstopKept { number, written } => self.stopped.kept(number, written, out),
+            Input::Unkept { deployment, written } => {
+                if let Some(home) = self.coordinators.get_mut(&deployment) {
+                    home.unkept(out);
+                }
+                self.callers.promises.unkept(&deployment, &self.identity.host, &written, out);
+            }
             Input::Adopted { away, programs } => {
                 self.callers.inquiries.adopted(programs);
-                self.adopted(out.now, away);
-                self.keep_estop(out);
-                self.keep_all(out);
-                self.unkeep_again(out);
-                self.judge_again(out);
-                self.ask_again(out);
+                self.adopted(away, out);
             }
             Input::Reached { process } => self.callers.inquiries.reached(&process),
             Input::Leave => {
@@ -405,9 +294,25 @@ impl Agent {
     fn forget_call(&mut self, call: u64) {
         self.callers.listeners.retain(|listener| *listener != call);
         self.callers.inquiries.forget(call);
-        self.forget_stopped(call);
+        self.stopped.forget(call);
         self.callers.promises.forget(call);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
+    }
+
+    /// Goes on after it was made again from its inputs: the killed node may not have asked or written something, and has not heard
+    /// the answers.
+    fn adopted(&mut self, away: Duration, out: &mut Out<'_>) {
+        self.run.adopted(out.now);
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.adopted(away));
+        self.participants.values_mut().for_each(|participant| participant.adopted(away));
+        self.stopped.keep(out);
+        let running = self.coordinators.values().filter_map(Coordinator::kept);
+        out.effects.push(Effect::KeepAll(running.chain(self.pending.kept()).collect()));
+        self.pending.tombstones.keep(out);
+        self.callers.promises.unkeep_again(out);
+        self.coordinators.values_mut().for_each(|home| home.unkeep_again(out));
+        self.orders.judge_again(out);
+        self.pending.ask_again(out);
     }
 
     /// Takes a message from a controller. A controller that owns a device which another deployment holds is refused at
@@ -431,8 +336,19 @@ impl Agent {
     fn conflicts(&self, deployment: &Deployment, claims: &Claims) -> Vec<String> {
         let others = self.participants.iter().filter(|(other, _)| *other != deployment);
         let running = others.flat_map(|(other, participant)| claims.conflicts(other, participant.claims()));
-        let unended = self.past.unended.iter().filter(|(other, _)| *other != deployment);
-        running.chain(unended.flat_map(|(other, left)| claims.conflicts_with_unended(other, &left.claims))).collect()
+        running.chain(self.past.conflicts(deployment, claims)).collect()
+    }
+
+    /// Returns why this node begins nothing, if that is so.
+    fn obstacle(&self, now: Time) -> Option<String> {
+        self.peers.namesake().or_else(|| self.stopped.obstacle()).or_else(|| self.run.crash_loop(now))
+    }
+
+    /// Takes note that nothing is left of a program which could not be ended with its deployment.
+    fn program_ended(&mut self, process: &ProcessId, out: &mut Out<'_>) {
+        if let Some(home) = self.past.program_ended(process) {
+            out.send(&home, process.deployment.to_coordinator(ToCoordinator::Released));
+        }
     }
 
     fn status(&self, now: Time) -> NodeStatus {
@@ -442,7 +358,7 @@ impl Agent {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             up: now - self.run.started,
             peers: self.peers.names.present().map(str::to_owned).collect(),
-            waiting: self.pending.awaiting.iter().map(|one| self.waiting(one, now)).collect(),
+            waiting: self.pending.waiting().iter().map(|one| one.status(&self.peers, now)).collect(),
             missing: self
                 .peers
                 .absence
@@ -454,7 +370,7 @@ impl Agent {
             // The driver knows.
             containment: Containment::default(),
             network: Network::default(),
-            estop: self.stopped_by().cloned(),
+            estop: self.stopped.by().cloned(),
             policy: None,
         }
     }
@@ -462,26 +378,97 @@ impl Agent {
     /// Returns the state of hosts that do not answer.
     fn absent(&self, now: Time) -> Absent {
         let mut absent = self.peers.absence.report(now);
-        self.tell_unended(&mut absent.ends);
-        let is_away = |host: &str| *host != *self.identity.host && !self.peers.names.reaches(host);
+        self.past.add_ends(&self.identity.host, &mut absent.ends);
+        let is_away = |host: &str| self.peers.is_away(host);
         absent.processes = self.participants.values().flat_map(|participant| participant.elsewhere(is_away)).collect();
         absent
     }
 
     fn tick(&mut self, out: &mut Out<'_>) {
         self.look_around(out);
-        self.answer_check_ins(out);
+        self.callers.check_ins.answer(&self.peers.names, out);
         self.begin_gathered(out);
         let names = &self.peers.names;
         self.peers.absence.tick(|host| names.reaches(host), out);
-        let resent = self.peers.links.iter_mut().flat_map(|(host, links)| {
-            links.iter_mut().flat_map(|link| link.resend(out.now)).map(|frame| (host.clone(), frame))
-        });
-        for (host, frame) in resent.collect::<Vec<_>>() {
+        for (host, frame) in self.peers.resend(out.now) {
             self.send_frame(&host, frame, out);
         }
         self.coordinators.values_mut().for_each(|coordinator| coordinator.tick(out));
         self.participants.values_mut().for_each(|participant| participant.tick(out));
-        self.tick_inquiries(out);
+        self.callers.inquiries.answer_homes(out);
+        let has_homes = !self.coordinators.is_empty();
+        for due in self.callers.inquiries.due(&self.identity.host, has_homes, &self.peers.names, out.now) {
+            self.tell_events(due.call, false, out);
+            due.end(out);
+        }
+    }
+
+    /// Tells the table of hosts which of them matter now: those that a deployment here depends on, and all of them while a user
+    /// looks.
+    fn attend(&mut self, now: Time) {
+        if !self.callers.listeners.is_empty() {
+            self.peers.names.watch(now);
+        }
+        let homes = self.coordinators.values().flat_map(|coordinator| coordinator.hosts());
+        let parts = self.participants.values().flat_map(|participant| participant.relevant_hosts());
+        let awaited = self.pending.waiting().iter().flat_map(|awaiting| &awaiting.plan.hosts);
+        self.peers.attend(now, homes.chain(parts).chain(awaited).map(String::as_str));
+    }
+
+    /// Drops the deployments that are over. A node with nothing left then leaves, if it is to leave.
+    fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        for (deployment, coordinator) in self.coordinators.extract_if(.., |_, coordinator| coordinator.is_over()) {
+            let (history, unconfirmed) = coordinator.into_history();
+            if unconfirmed.is_empty() {
+                effects.push(Effect::Settled { deployment });
+            } else {
+                self.peers.absence.open(now, deployment, &self.identity.host, unconfirmed);
+            }
+            let record = chronicle::ended(&self.identity.host, &history);
+            effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
+            self.past.ended_at_home(history, now);
+        }
+        self.past.tick(now);
+        for (deployment, participant) in self.participants.extract_if(.., |_, participant| participant.is_over()) {
+            if self.peers.is_away(participant.home()) {
+                let away = participant.hosts().iter().filter(|host| self.peers.is_away(host));
+                let open = away.map(|host| (host.clone(), Why::Lost)).collect();
+                self.peers.absence.open(now, deployment.clone(), participant.home(), open);
+            }
+            self.stopped.note_open(&deployment, participant.may_go_on());
+            effects.push(Effect::CloseDeployment { deployment: deployment.clone() });
+            self.past.ended_here(deployment, &participant);
+        }
+        if self.participants.is_empty() {
+            self.stopped.tell(self.past.unended_programs(), effects);
+        }
+        if !self.coordinators.is_empty() || !self.participants.is_empty() {
+            return;
+        }
+        if self.run.leaving {
+            self.take_leave(now, effects);
+        } else if let Some(why) = self.peers.namesake().filter(|_| {
+            let names = &self.peers.names;
+            names.elder().is_some() && self.pending.waiting().is_empty() && names.is_known(now)
+        }) {
+            effects.push(Effect::Yield { why });
+        }
+    }
+
+    /// Announces to the others that this node leaves, unless something may run on after it, and ends when they have acknowledged.
+    fn take_leave(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        // A node that is gone cannot send its last messages again; without them the others would wait for it.
+        if self.run.is_at_work() {
+            if self.past.is_clean() {
+                let since_1970 = self.run.since_1970(now);
+                let mut out = Out { now, since_1970, effects, messages: &mut Vec::new() };
+                self.peers.linked().iter().for_each(|host| self.transmit(host, Message::leaves(), &mut out));
+            }
+            // The listeners are told that nothing follows.
+            effects.extend(self.callers.listeners.iter().map(|call| Effect::EndAnswers { call: *call }));
+        }
+        if self.run.linger(now) || self.peers.is_heard() && self.callers.promises.is_empty() {
+            effects.push(Effect::Leave);
+        }
     }
 }

@@ -1,21 +1,27 @@
-//! The calls of command lines to an agent.
+//! The calls of command lines to an agent, and the begin of deployments.
+//!
+//! A deployment that a user wants waits for hosts that this node has not seen yet. A deployment that is resumed
+//! after a reboot waits longer, and in a team also for permission.
 
-use super::{Agent, AwaitingHosts, Resumed};
+use super::Agent;
+use super::boot::{Interrupted, Resumed};
+use super::orders::signed_request;
+use super::pending::AwaitingHosts;
+use super::promises::Promise;
 use crate::logic::coordinator::{Coordinator, Requested};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
-use crate::logic::history::Audience;
+use crate::logic::history::{Audience, History};
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
-    Answer, ChangeRequest, Delivery, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply, SwitchRequest,
-    TellRequest,
+    Answer, Before, ChangeRequest, Delivery, Deployment, Ending, Estop, Failure, FailureCause, Kept, Names, Report,
+    Request, SEVERAL, Signed, StopReply, SwitchRequest, TellRequest, Tombstone,
 };
 use language::plan::Plan;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How many requests are remembered, so that repeating one is harmless.
-const REQUESTS_MAX: usize = 10_000;
 /// How long a deployment waits for hosts that this node has not seen yet.
 const GATHER_WITHIN: Duration = Duration::from_secs(2);
 
@@ -23,7 +29,16 @@ const GATHER_WITHIN: Duration = Duration::from_secs(2);
 pub(super) const STOPPED: &str = "it was stopped before it ran";
 
 impl Agent {
-    pub(super) fn call(&mut self, call: u64, request: Request, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
+    /// Takes a call. A request that a user has signed is passed on to the nodes that carry it out.
+    pub(super) fn take_call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
+        let Request::Signed(signed) = request else { return self.call(call, request, None, out) };
+        match signed_request(&signed) {
+            Ok(request) => self.call(call, request, Some(Arc::new(*signed)), out),
+            Err(why) => out.answer_last(call, Answer::Refused(why)),
+        }
+    }
+
+    fn call(&mut self, call: u64, request: Request, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         match request {
             Request::Deploy { request, plan, by, start } => {
                 let (until, call) = (out.now + GATHER_WITHIN, Some(call));
@@ -41,7 +56,9 @@ impl Agent {
                 out.answer(call, locations.map_or_else(|| unknown(&deployment), Answer::Locations));
             }
             Request::Forget { deployment } => {
-                let is_known = self.forget(&deployment);
+                // Either may know of it.
+                let is_open = self.peers.absence.forget(&deployment);
+                let is_known = self.past.forget(&deployment) || is_open;
                 out.answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }));
             }
             Request::Stop { name } => {
@@ -57,16 +74,19 @@ impl Agent {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
                     return coordinator.watch(call, seen, out);
                 }
-                self.watch_over(call, &deployment, seen, out);
+                self.past.watch(call, &deployment, seen, out);
             }
             Request::Revision { name } => out.answer(call, self.revision(&name)),
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
             Request::Tell(request) => return self.tell(call, &request, out),
             Request::Estop(estop) => return self.estop(call, &estop, out),
-            Request::ReleaseEstop => return self.release_estop(call, out),
+            Request::ReleaseEstop => return self.stopped.release(call, out),
             Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),
-            Request::Duplicates => out.answer(call, self.duplicates()),
+            Request::Duplicates => {
+                let place = format!("process {} on the host of the node that says so", self.identity.pid);
+                out.answer(call, Answer::Duplicates(self.peers.names.duplicates(&place)));
+            }
             Request::Names => out.answer(call, Answer::Names(self.given_names())),
             Request::Events { follow: true } => {
                 self.tell_events(call, true, out);
@@ -96,16 +116,8 @@ impl Agent {
 
     /// Reports every event of the deployments that have their home here; a listener that stays also gets the future events.
     pub(super) fn tell_events(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
-        self.past.over.iter().rev().for_each(|history| history.tell(call, out));
+        self.past.tell(call, out);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, stays, out));
-    }
-
-    /// Sends the reports of a deployment that is over, after the first `seen` reports.
-    fn watch_over(&self, call: u64, deployment: &Deployment, seen: u64, out: &mut Out<'_>) {
-        match self.past.over.iter().find(|over| over.deployment() == deployment) {
-            Some(history) => history.tell_missed(call, seen, out),
-            None => out.answer(call, unknown(deployment)),
-        }
     }
 
     /// Returns the home of the deployment of a name, if it is here.
@@ -148,7 +160,7 @@ impl Agent {
     fn given_names(&self) -> Names {
         let mut names = Names::default();
         self.participants.values().for_each(|participant| participant.names(&self.programs, &mut names));
-        self.past.unended.iter().for_each(|(other, left)| names.devices.extend(left.claims.names(other)));
+        self.past.names(&mut names);
         names
     }
 
@@ -179,7 +191,7 @@ impl Agent {
             Some("the plan is not sound: a process is a member of no group".to_owned())
         } else if !home_is_here {
             Some(format!("`main` does not run on `{}`", self.identity.host))
-        } else if self.pending.requests.contains(&request) {
+        } else if self.pending.is_known(request) {
             Some("this request was made before".to_owned())
         } else {
             let holder = self.holder(&plan.name);
@@ -189,11 +201,8 @@ impl Agent {
             let refused = |call| out.answer_last(call, Answer::Report(Report::Refused { reasons: vec![reason] }));
             return one.call.map_or((), refused);
         }
-        self.pending.requests.insert(request);
-        if self.pending.requests.len() > REQUESTS_MAX {
-            self.pending.requests.pop_first();
-        }
-        self.pending.awaiting.push(one);
+        self.pending.note(request);
+        self.pending.wait(one);
         self.begin_gathered(out);
     }
 
@@ -212,7 +221,7 @@ impl Agent {
     /// Returns the state of a deployment of this name that has not ended, for a person.
     fn holder(&self, name: &str) -> Option<String> {
         let begun = self.coordinators.iter().find(|(other, _)| other.name == name).map(|(_, home)| home.begun_by());
-        let waiting = || self.pending.awaiting.iter().find(|one| one.plan.name == name);
+        let waiting = || self.pending.find(name);
         let resumed = || waiting().filter(|one| one.resumed.is_some()).map(|one| &one.by);
         if let (None, Some(by)) = (begun, resumed()) {
             return Some(format!("waits to be resumed for {by}"));
@@ -222,8 +231,7 @@ impl Agent {
 
     /// Ends deployments that have not begun, for this reason.
     pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, why: &str, out: &mut Out<'_>) {
-        let stopped: Vec<AwaitingHosts> = self.pending.awaiting.extract_if(.., |one| which(&one.plan)).collect();
-        for AwaitingHosts { call, resumed, .. } in &stopped {
+        for AwaitingHosts { call, resumed, .. } in &self.pending.take(|one| which(&one.plan)) {
             if let Some(call) = *call {
                 out.answer_last(call, Answer::Report(Report::Refused { reasons: vec![why.to_owned()] }));
             }
@@ -236,14 +244,7 @@ impl Agent {
 
     /// Begins the deployments whose hosts are all there, or whose time of waiting is over.
     pub(super) fn begin_gathered(&mut self, out: &mut Out<'_>) {
-        for resumed in self.pending.awaiting.iter_mut().filter_map(|one| one.resumed.as_mut()) {
-            resumed.earliest.take_if(|earliest| *earliest <= out.now);
-        }
-        let (ready, waiting) = std::mem::take(&mut self.pending.awaiting)
-            .into_iter()
-            .partition::<Vec<_>, _>(|one| self.may_begin(one, out.now));
-        self.pending.awaiting = waiting;
-        for one in ready {
+        for one in self.pending.take_ready(&self.peers, out.now) {
             match &one.resumed {
                 Some(_) => self.resume(one, out),
                 None => self.begin(one, out),
@@ -251,7 +252,7 @@ impl Agent {
         }
     }
 
-    pub(super) fn begin(
+    fn begin(
         &mut self,
         AwaitingHosts { call, plan, by, signed, resumed, start, .. }: AwaitingHosts,
         out: &mut Out<'_>,
@@ -260,20 +261,147 @@ impl Agent {
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, &by);
         out.effects.push(Effect::WriteDatabase(Box::new(record)));
-        let origin = resumed.as_ref().map_or(deployment.epoch, Resumed::origin);
+        let origin = resumed.as_ref().map_or(deployment.epoch, |resumed| resumed.origin);
         let audience = Audience { watchers: call.into_iter().collect(), listeners: self.callers.listeners.clone() };
         let request = Requested { by, origin, wanted: Arc::new(plan), signed };
         let home = Coordinator::begin(deployment.clone(), request, start, audience, out);
         out.effects.extend(home.kept().map(|kept| Effect::Keep(Box::new(kept))));
         if let Some(resumed) = resumed {
-            out.effects.push(Effect::Unkeep { deployment: resumed.before().clone() });
+            out.effects.push(Effect::Unkeep { deployment: resumed.from });
         }
         self.coordinators.insert(deployment, home);
     }
 
+    /// Asks every host of the deployments whose home is here, and answers the call once they have answered.
+    fn inquire(&mut self, call: u64, out: &mut Out<'_>) {
+        let all = self.coordinators.values().flat_map(Coordinator::taking_part);
+        let hosts: BTreeSet<String> = all.filter(|host| **host != self.identity.host).cloned().collect();
+        self.callers.inquiries.ask(call, hosts, &self.peers.names, out);
+    }
+
+    /// Ends everything on this host; the call is answered when nothing of it runs.
+    fn estop(&mut self, call: u64, estop: &Estop, out: &mut Out<'_>) {
+        let estop = estop.bounded();
+        let why = format!("it {}", FailureCause::Estop(estop.clone()));
+        self.stop_gathering(|_| true, &why, out);
+        for participant in self.participants.values_mut() {
+            participant.stop_at_once(&estop, out);
+        }
+        for coordinator in self.coordinators.values_mut() {
+            coordinator.abort(FailureCause::Estop(estop.clone()), out);
+        }
+        self.stopped.stop(call, estop, out);
+    }
+
+    /// Stops a deployment of this name that has not begun, and answers when it is certain that it never begins. Returns whether
+    /// there is such a deployment.
+    fn stop_waiting(&mut self, call: u64, name: &str, out: &mut Out<'_>) -> bool {
+        let Some(one) = self.pending.find(name) else { return false };
+        let before = one.resumed.as_ref().map(|resumed| resumed.from.clone());
+        self.stop_gathering(|plan| plan.name == name, STOPPED, out);
+        if let Some(before) = before {
+            self.callers.promises.add(before, Promise::Stopped(call));
+        } else {
+            out.answer_last(call, Answer::Stop(StopReply::Stopped));
+        }
+        true
+    }
+
+    /// Keeps a tombstone for a home that does not answer.
+    fn stop_away(&mut self, call: u64, tombstone: Tombstone, out: &mut Out<'_>) {
+        let Tombstone { home, deployment } = &tombstone;
+        let refusal = if *home == self.identity.host {
+            Some(format!("`{}` has its home here: `dca stop {}` ends it", deployment.name, deployment.name))
+        } else if self.peers.names.reaches(home) {
+            Some(format!("`{home}` answers: `dca stop {}` ends it there", deployment.name))
+        } else {
+            None
+        };
+        if let Some(why) = refusal {
+            return out.answer(call, Answer::Refused(why));
+        }
+        self.pending.tombstones.add(tombstone, out);
+        out.answer(call, Answer::Stop(StopReply::Stopped));
+    }
+
+    /// Reports the end of the deployments that ran before this node, and waits with those that are resumed.
+    pub(super) fn look_back(&mut self, out: &mut Out<'_>) {
+        for Before { kept, was_rebooted } in self.pending.take_earlier() {
+            let Kept { deployment, origin, by, hosts, has_ended, resume, .. } = kept;
+            if !has_ended {
+                let cause = if was_rebooted { FailureCause::Rebooted } else { FailureCause::Restarted };
+                tracing::warn!(%deployment, %cause, "a deployment has not come to its end");
+                self.tell_over(&deployment, hosts, cause, out);
+            }
+            let is_known = self.pending.find(&deployment.name).is_some();
+            match resume.filter(|_| was_rebooted && !is_known) {
+                Some((plan, signed)) => {
+                    let interrupted = Interrupted { from: deployment, origin, by, plan, signed };
+                    self.pending.wait(interrupted.wait(out.now));
+                }
+                None => out.effects.push(Effect::Unkeep { deployment }),
+            }
+        }
+    }
+
+    /// Keeps the last report of a deployment that no node has seen end.
+    fn tell_over(&mut self, deployment: &Deployment, hosts: Vec<String>, cause: FailureCause, out: &mut Out<'_>) {
+        let unconfirmed = hosts.iter().filter(|host| **host != self.identity.host).cloned().collect();
+        let mut history = History::new(deployment.clone(), hosts);
+        let failure = Failure { origin: "main".to_owned(), cause, at: Duration::ZERO };
+        let (ending, at) = (Ending::Aborted(failure), Duration::ZERO);
+        history.report(Report::Finished { ending, at, unconfirmed }, 0, &Audience::default(), out);
+        let record = chronicle::ended(&self.identity.host, &history);
+        out.effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
+        self.past.remember(history);
+    }
+
+    /// Resumes a deployment, if nothing is against it and, in a team, its signer still has permission.
+    fn resume(&mut self, mut one: AwaitingHosts, out: &mut Out<'_>) {
+        let obstacle = self.obstacle(out.now);
+        let Some(resumed) = &mut one.resumed else { return };
+        if let Some(why) = obstacle {
+            let resumed = resumed.clone();
+            return self.not_resumed(&resumed, &why, out);
+        }
+        if !self.identity.is_guarded || resumed.is_permitted() {
+            return self.begin(one, out);
+        }
+        out.effects.extend(resumed.ask(&one.signed));
+        self.pending.wait(one);
+    }
+
+    /// Takes the verdict about a deployment that is to be resumed.
+    pub(super) fn resumable(&mut self, deployment: &Deployment, verdict: Result<(), String>, out: &mut Out<'_>) {
+        let Some(mut one) = self.pending.take_resumed(deployment) else { return };
+        let Some(resumed) = &mut one.resumed else { return };
+        match verdict {
+            Ok(()) => {
+                resumed.permit();
+                self.resume(one, out);
+            }
+            Err(why) => {
+                let resumed = resumed.clone();
+                self.not_resumed(&resumed, &why, out);
+            }
+        }
+    }
+
+    /// Reports why a deployment is not resumed after all.
+    pub(super) fn not_resumed(&mut self, resumed: &Resumed, why: &str, out: &mut Out<'_>) {
+        let deployment = resumed.from.clone();
+        tracing::warn!(%deployment, why, "it is not resumed");
+        if let Some(history) = self.past.history_or_new(&deployment, &self.identity.host) {
+            let reasons = vec![format!("it is not resumed: {why}")];
+            let audience = Audience { listeners: self.callers.listeners.clone(), ..Audience::default() };
+            history.report(Report::Refused { reasons }, 0, &audience, out);
+        }
+        out.effects.push(Effect::Unkeep { deployment });
+    }
+
     /// Returns the programs that a deployment has here, or had.
     fn programs(&self, deployment: &Deployment) -> Option<Vec<(u32, String)>> {
-        let past = || self.past.programs.iter().find(|(id, _)| id == deployment).map(|(_, programs)| programs.clone());
+        let past = || self.past.programs_of(deployment).cloned();
         self.participants.get(deployment).map(Participant::programs).or_else(past)
     }
 
@@ -288,7 +416,7 @@ impl Agent {
         };
         let running: Vec<_> =
             self.participants.iter().flat_map(|(id, participant)| meant((id, participant.programs()))).collect();
-        let past = self.past.programs.iter().map(|(id, programs)| meant((id, programs.clone())));
+        let past = self.past.programs().map(|(id, programs)| meant((id, programs.clone())));
         let found = std::iter::once(running).chain(past).find(|found| !found.is_empty()).unwrap_or_default();
         match &found[..] {
             [one] => Ok(one.clone()),

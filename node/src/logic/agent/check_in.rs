@@ -8,8 +8,9 @@
 //! A home that does not answer is lost after a while. Then `on_link_loss` decides, as at any cut. The home answers
 //! hosts that are there for it: a host that is only missing may still count as lost, and is then told that first.
 
-use super::Agent;
 use crate::logic::effect::Out;
+use crate::logic::nameserver::NameServer;
+use crate::logic::participant::Participant;
 use crate::logic::protocol::{Body, Message};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,44 +24,41 @@ pub(super) struct CheckIns {
     come: BTreeMap<String, (u64, u64)>,
 }
 
-impl Agent {
+impl CheckIns {
     /// Checks in with every other home that may have missed this node. A deployment whose home is this host needs no
     /// answer. To be called before anything else is done.
-    pub(super) fn check_in(&mut self, out: &mut Out<'_>) {
-        let (names, number) = (&self.peers.names, self.callers.check_ins.count + 1);
-        let unsure = self.participants.values_mut().filter(|participant| names.has_slept(out.now, participant.home()));
+    pub(super) fn check_in<'a>(
+        &mut self,
+        names: &NameServer,
+        participants: impl Iterator<Item = &'a mut Participant>,
+        out: &mut Out<'_>,
+    ) {
+        let number = self.count + 1;
+        let unsure = participants.filter(|participant| names.has_slept(out.now, participant.home()));
         let waiting = unsure
             .filter_map(|participant| participant.check_in(number, out.now).then(|| participant.home().to_owned()));
         for home in waiting.collect::<BTreeSet<String>>() {
-            self.callers.check_ins.count = number;
+            self.count = number;
             out.send(&home, Message::about_none(Body::CheckIn { number }));
         }
     }
 
-    /// Takes note that a host checks in, which is answered by [`Agent::answer_check_ins`].
-    pub(super) fn checks_in(&mut self, number: u64, from: &str) {
-        if let Some(boot) = self.peers.names.holder(from) {
-            self.callers.check_ins.come.insert(from.to_owned(), (boot, number));
+    /// Takes note that a host checks in, which is answered by [`CheckIns::answer`].
+    pub(super) fn come(&mut self, names: &NameServer, number: u64, from: &str) {
+        if let Some(boot) = names.holder(from) {
+            self.come.insert(from.to_owned(), (boot, number));
         }
     }
 
     /// Answers the hosts that have checked in and are there, after all other messages to them. A later boot has
     /// forgotten the question.
-    pub(super) fn answer_check_ins(&mut self, out: &mut Out<'_>) {
-        let names = &self.peers.names;
+    pub(super) fn answer(&mut self, names: &NameServer, out: &mut Out<'_>) {
         let is_over =
             |host: &String, (boot, _): &mut (u64, u64)| names.reaches(host) || names.holder(host) != Some(*boot);
-        for (host, (boot, number)) in self.callers.check_ins.come.extract_if(.., is_over).collect::<Vec<_>>() {
-            if self.peers.names.holder(&host) == Some(boot) {
+        for (host, (boot, number)) in self.come.extract_if(.., is_over) {
+            if names.holder(&host) == Some(boot) {
                 out.send(&host, Message::about_none(Body::CheckedIn { number }));
             }
         }
-    }
-
-    /// Takes the answer of a home: everything that waited for the answer goes on.
-    pub(super) fn checked_in(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
-        let theirs = self.participants.values_mut().filter(|participant| participant.home() == from);
-        let waiting = theirs.filter(|participant| participant.checks_in() == Some(number));
-        waiting.for_each(|participant| participant.checked_in(out));
     }
 }

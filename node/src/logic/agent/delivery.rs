@@ -1,37 +1,254 @@
-//! Messages about deployments: each goes to its machine. The agent answers for a machine that is not there.
+//! Messages of and to other nodes, and the presence of those.
+//!
+//! A message about a deployment goes to its machine. The agent answers for a machine that is not there, and for a node that
+//! cannot be reached, so that no sender waits for ever.
 
-use super::{Agent, DEPLOYMENTS_MAX};
+use super::namesakes::OwnDeployments;
+use super::orders::{Order, Taken};
+use super::peers::{FromRelay, Way};
+use super::promises::Promise;
+use super::{Agent, DEPLOYMENTS_MAX, external};
 use crate::logic::claims::{Claims, unended};
-use crate::logic::effect::Out;
+use crate::logic::effect::{Effect, Out};
+use crate::logic::link::{Frame, Received};
+use crate::logic::nameserver::Change;
 use crate::logic::participant::{Participant, gone};
 use crate::logic::protocol::{
-    Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, Target, ToCoordinator,
-    ToParticipant, unreachable,
+    Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, Namesake, Relay, Target,
+    ToCoordinator, ToParticipant, unreachable,
 };
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
 
 impl Agent {
-    pub(super) fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+    /// Determines which nodes are there now, and reports the changes to everything that they concern.
+    pub(super) fn look_around(&mut self, out: &mut Out<'_>) {
+        self.attend(out.now);
+        let (changes, round) = self.peers.names.tick(out.now);
+        for change in changes {
+            match &change {
+                Change::Appeared { host, boot, replaces, .. } => self.appeared(host, *boot, *replaces, out),
+                Change::Detour { host, boot, .. } => self.appeared(host, *boot, false, out),
+                Change::Missing { host, since, .. } => {
+                    self.peers.missing(host, *since);
+                    let participants = self.participants.values_mut();
+                    participants.for_each(|participant| participant.host_missing(host, *since, out));
+                }
+                Change::Lost { host } => self.host_lost(host, out),
+                Change::Namesake { .. } => self.greet(out),
+                Change::Refused { .. } | Change::Twice { .. } => {}
+            }
+            out.effects.push(Effect::Peer(change));
+        }
+        self.peers.tell_holders(out);
+        self.peers.beat(out);
+        if let Some(round) = round {
+            for (via, message) in self.peers.ask(round, out) {
+                self.transmit(&via, message, out);
+            }
+            self.greet(out);
+        }
+    }
+
+    fn appeared(&mut self, host: &str, boot: u64, replaces: bool, out: &mut Out<'_>) {
+        if replaces {
+            // Another boot has forgotten everything: for deployments that is the loss of the host.
+            self.host_lost(host, out);
+        }
+        self.peers.appeared(host, boot, out.now);
+        self.pending.tombstones.tell(host, out);
+        self.parts_back(host, out);
+        self.callers.inquiries.ask_again(host, out);
+    }
+
+    /// Tells everything that runs that a host is lost.
+    fn parts_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.host_lost(host, out));
+        self.participants.values_mut().for_each(|participant| participant.host_lost(host, out));
+    }
+
+    /// Tells everything that runs that a host is there again.
+    fn parts_back(&mut self, host: &str, out: &mut Out<'_>) {
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.host_back(host, out));
+        self.participants.values_mut().for_each(|participant| participant.host_back(host, out));
+    }
+
+    fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        self.peers.lost(host, out.now);
+        self.orders.forget(host);
+        self.parts_lost(host, out);
+    }
+
+    /// Takes a frame of another node.
+    pub(super) fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
+        let from = frame.from.clone();
+        let Some(Received { message, answer, is_anew }) = self.peers.receive(out.now, frame) else { return };
+        if let Some(frame) = answer {
+            self.send_frame(&from, frame, out);
+        }
+        if is_anew {
+            // The other node counts this node as lost, and its parts here as over.
+            self.parts_lost(&from, out);
+            self.parts_back(&from, out);
+        }
+        if let Some(message) = message {
+            self.deliver(message, &from, out);
+        }
+    }
+
+    /// Sends to another node. A message that cannot be sent is answered as a loss, so that its sender does not wait for
+    /// ever. Final messages are kept for a lost node, which may not know that it is lost.
+    pub(super) fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
+        let is_known = self.peers.names.knows(to);
+        match self.peers.send(out.now, to, message.clone()) {
+            Some(frame) => {
+                self.send_frame(to, frame, out);
+                if is_known {
+                    return;
+                }
+            }
+            None if is_known => {
+                // So many messages are unacknowledged that the node counts as lost.
+                self.peers.names.lose(out.now, to);
+                self.host_lost(to, out);
+            }
+            None => {}
+        }
+        if let Message { deployment, body: Body::Participant(message) } = message {
+            self.answer_for_lost(to, &deployment, message, out);
+        }
+    }
+
+    /// Sends a frame to another node, through a third node if necessary.
+    pub(super) fn send_frame(&mut self, to: &str, frame: Frame, out: &mut Out<'_>) {
+        match self.peers.way(to, frame) {
+            Way::Direct(effect) => out.effects.push(effect),
+            Way::Over { via, message } => self.transmit(&via, message, out),
+        }
+    }
+
+    /// Takes a message that `via` has sent for another node, or has passed on.
+    fn relay(&mut self, relay: Relay, via: &str, out: &mut Out<'_>) {
+        match self.peers.relay(out.now, relay, via) {
+            Some(FromRelay::Send { to, message }) => self.transmit(&to, message, out),
+            Some(FromRelay::Frame(frame)) => self.frame(frame, out),
+            None => {}
+        }
+    }
+
+    /// Returns every deployment with a part here that is not about to end, and whether its home is reached.
+    fn own_deployments(&self) -> OwnDeployments {
+        let homes = self.coordinators.iter().filter(|(_, home)| !home.is_ending()).map(|(one, _)| (one.clone(), true));
+        let parts = self.participants.iter().filter(|(_, part)| !part.is_leaving());
+        parts.map(|(one, part)| (one.clone(), self.peers.reaches(part.home()))).chain(homes).collect()
+    }
+
+    /// Tells others of this name which deployments run here.
+    fn greet(&mut self, out: &mut Out<'_>) {
+        self.peers.greet(&self.own_deployments(), out);
+    }
+
+    /// Takes the message of another node of this name. A deployment that runs on both nodes, and that the other one
+    /// keeps, is ended here.
+    pub(super) fn greeted(&mut self, other: &Namesake, out: &mut Out<'_>) {
+        let own = self.own_deployments();
+        let Some(rival) = self.peers.greeted(other, &own, out) else { return };
+        for (deployment, reaches_home) in own {
+            let Some(keeps) = rival.keeps(&deployment, reaches_home, other) else { continue };
+            self.peers.runs_twice(&deployment, rival, keeps, out);
+            if keeps {
+                continue;
+            }
+            let place = self.peers.ends_for(&deployment, rival);
+            if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
+                coordinator.abort(FailureCause::Preempted(place), out);
+            } else if let Some(participant) = self.participants.get_mut(&deployment) {
+                participant.give_up(&format!("another node of its name keeps `{deployment}`"), out);
+            }
+        }
+    }
+
+    /// Takes the answer of a home: everything that waited for the answer goes on.
+    fn checked_in(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
+        let theirs = self.participants.values_mut().filter(|participant| participant.home() == from);
+        let waiting = theirs.filter(|participant| participant.checks_in() == Some(number));
+        waiting.for_each(|participant| participant.checked_in(out));
+    }
+
+    /// Takes the message of another node that a deployment of this home was stopped while the home was away.
+    fn was_stopped(&mut self, deployment: &Deployment, from: &str, out: &mut Out<'_>) {
+        let is_meant = |name: &str, origin: u64| name == deployment.name && origin <= deployment.epoch;
+        let dropped = self
+            .pending
+            .take(|one| one.resumed.as_ref().is_some_and(|resumed| is_meant(&one.plan.name, resumed.origin)));
+        // The disk forgets them in this order.
+        let mut last = None;
+        for resumed in dropped.into_iter().filter_map(|one| one.resumed) {
+            let why = format!("it was stopped while `{}` was away, as `{from}` says", self.identity.host);
+            self.not_resumed(&resumed, &why, out);
+            last = Some(resumed.from);
+        }
+        for (own, home) in &mut self.coordinators {
+            if is_meant(&own.name, home.origin()) && !home.is_ending() {
+                home.abort(FailureCause::StoppedAway(from.to_owned()), out);
+                last = Some(own.clone());
+            }
+        }
+        match last {
+            Some(last) => self.callers.promises.add(last, Promise::Mourned(from.to_owned(), deployment.clone())),
+            None => out.send(from, Message { deployment: deployment.clone(), body: Body::Mourned }),
+        }
+    }
+
+    /// Takes an order of another node. In a team, an order that starts something waits for its verdict.
+    fn take_order(&mut self, order: Order, out: &mut Out<'_>) {
+        if !self.identity.is_guarded {
+            return self.obey(order, out);
+        }
+        match self.orders.take(order, out) {
+            Taken::Now(Order { deployment, from, order }) => {
+                self.deliver_to_participant(&deployment, order, &from, out);
+            }
+            Taken::Waits => {}
+            Taken::TooMany(order) => order.refuse(&self.identity.host, "too many orders wait to be judged", out),
+        }
+    }
+
+    /// Carries out an order that a user has signed, or refuses it.
+    pub(super) fn judged(&mut self, number: u64, verdict: Result<(), String>, out: &mut Out<'_>) {
+        let Some(order) = self.orders.judged(number, verdict.is_ok()) else { return };
+        match verdict {
+            Ok(()) => self.obey(order, out),
+            Err(why) => order.refuse(&self.identity.host, &why, out),
+        }
+    }
+
+    fn obey(&mut self, Order { deployment, from, order }: Order, out: &mut Out<'_>) {
+        if let Some(order) = order.plain() {
+            self.deliver_to_participant(&deployment, order, &from, out);
+        }
+    }
+
+    fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
         let Message { deployment, body } = message;
         match body {
             Body::Tombstone => {}
             Body::Stopped => self.was_stopped(&deployment, from, out),
-            Body::Mourned => self.mourned(&deployment, from, out),
+            Body::Mourned => self.pending.tombstones.mourned(&deployment, from, out),
             Body::Leaves => self.peers.absence.leaves(from),
-            Body::Inquiry { number } => self.inquired(number, from, out),
-            Body::Reported { number } => self.reported(number, from),
-            Body::CheckIn { number } => self.checks_in(number, from),
+            Body::Inquiry { number } => self.callers.inquiries.inquired(number, from, out),
+            Body::Reported { number } => self.callers.inquiries.answered(number, from),
+            Body::CheckIn { number } => self.callers.check_ins.come(&self.peers.names, number, from),
             Body::CheckedIn { number } => self.checked_in(number, from, out),
             Body::Relay(relay) => self.relay(*relay, from, out),
             Body::Coordinator(message) => {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
                     return coordinator.receive(message, from, out);
                 }
-                self.confirm(&deployment, &message, from);
+                self.peers.confirm(&deployment, &message, from);
             }
-            Body::Participant(message) => self.take_order(deployment, message, from, out),
+            Body::Participant(order) => self.take_order(Order { deployment, from: from.to_owned(), order }, out),
         }
     }
 
@@ -49,7 +266,7 @@ impl Agent {
     }
 
     /// A participant obeys its own home alone. A participant that is gone reports that.
-    pub(super) fn deliver_to_participant(
+    fn deliver_to_participant(
         &mut self,
         deployment: &Deployment,
         message: ToParticipant,
@@ -84,7 +301,7 @@ impl Agent {
     }
 
     /// Carries out a step of a change. Devices that other deployments hold are not taken.
-    pub(super) fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
+    fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
         if let Some(reply) = self.against_change(deployment, &order) {
             let home = self.participants.get(deployment).map(Participant::home);
             home.into_iter()
@@ -119,7 +336,7 @@ impl Agent {
         }
     }
 
-    pub(super) fn answer_without_participant(
+    fn answer_without_participant(
         &mut self,
         deployment: &Deployment,
         message: ToParticipant,
@@ -134,7 +351,7 @@ impl Agent {
                 participant.rejoins(number, out.now, since_go);
             }
         } else if message == ToParticipant::Release {
-            let is_loose = self.past.unended.contains_key(deployment);
+            let is_loose = self.past.is_unended(deployment);
             out.send(
                 from,
                 deployment.to_coordinator(if is_loose { ToCoordinator::Unconfirmed } else { ToCoordinator::Released }),
@@ -150,10 +367,10 @@ impl Agent {
 
     /// Returns why nothing is left here of a deployment that once had a part here.
     fn cause_of_absence(&self) -> FailureCause {
-        self.stopped_by().cloned().map_or_else(gone, FailureCause::Estop)
+        self.stopped.by().cloned().map_or_else(gone, FailureCause::Estop)
     }
 
-    pub(super) fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {
+    fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {
         let host = &self.identity.host;
         let refuse = |why: String, out: &mut Out<'_>| {
             out.send(
@@ -173,7 +390,7 @@ impl Agent {
         if let Some(other) = self.participants.keys().find(|other| other.name == deployment.name) {
             return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
         }
-        if let Some(other) = self.past.unended.keys().find(|other| other.name == deployment.name) {
+        if let Some(other) = self.past.unended_of(&deployment.name) {
             return refuse(format!("programs of `{other}` {}", unended(other)), out);
         }
         if self.participants.len() >= DEPLOYMENTS_MAX {
@@ -182,19 +399,14 @@ impl Agent {
         if let Some(why) = self.conflicts(&deployment, &Claims::of(&plan, host)).first() {
             return refuse(why.clone(), out);
         }
-        let (place, seen) = (&self.identity, self.externals(&plan));
+        let seen = external::used_by(&plan, host, &self.participants, &self.programs);
+        let place = &self.identity;
         let participant = Participant::prepare(deployment.clone(), Arc::new(plan), place, &self.programs, seen, out);
         self.participants.insert(deployment, participant);
     }
 
     /// Gives the answer that an unreachable host would give.
-    pub(super) fn answer_for_lost(
-        &mut self,
-        lost: &str,
-        deployment: &Deployment,
-        message: ToParticipant,
-        out: &mut Out<'_>,
-    ) {
+    fn answer_for_lost(&mut self, lost: &str, deployment: &Deployment, message: ToParticipant, out: &mut Out<'_>) {
         let Some(message) = message.plain() else { return };
         if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
             self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![unreachable(lost)] }, lost, out);
@@ -211,13 +423,7 @@ impl Agent {
         }
     }
 
-    pub(super) fn tell_coordinator(
-        &mut self,
-        deployment: &Deployment,
-        message: ToCoordinator,
-        from: &str,
-        out: &mut Out<'_>,
-    ) {
+    fn tell_coordinator(&mut self, deployment: &Deployment, message: ToCoordinator, from: &str, out: &mut Out<'_>) {
         if let Some(coordinator) = self.coordinators.get_mut(deployment) {
             coordinator.receive(message, from, out);
         }

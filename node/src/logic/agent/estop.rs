@@ -1,10 +1,11 @@
 //! `dca estop` on a node: every program is told to stop at once, without `finally` or `shield`, and nothing begins
 //! until a user releases it. The stop lasts over a restart of the node, since the driver writes it down.
+//!
+//! A stop and its release are answered once the disk has the last state: only the last write has
+//! that state. A stop is also answered only when nothing runs any more.
 
-use super::Agent;
 use crate::logic::effect::{Effect, Out};
-use crate::logic::protocol::{Answer, Deployment, Estop, Estopped, FailureCause};
-use comms::logic::time::Time;
+use crate::logic::protocol::{Answer, Deployment, Estop, Estopped};
 use serde::{Deserialize, Serialize};
 
 /// Whether everything is stopped.
@@ -24,8 +25,58 @@ pub(super) struct Stopped {
 }
 
 impl Stopped {
+    /// Begins with everything stopped, if everything was stopped when the previous node ended.
+    pub(super) fn before(by: Option<Estop>) -> Self {
+        Self { by, ..Self::default() }
+    }
+
+    /// Returns the user who has stopped everything, if there is one.
+    pub(super) const fn by(&self) -> Option<&Estop> {
+        self.by.as_ref()
+    }
+
+    /// Returns why this node begins nothing, if that is so.
+    pub(super) fn obstacle(&self) -> Option<String> {
+        let by = self.by.as_ref()?;
+        Some(format!("{by}; `dca estop --release` lets programs begin again"))
+    }
+
+    /// Stops everything; the call is answered by [`Stopped::tell`].
+    pub(super) fn stop(&mut self, call: u64, estop: Estop, out: &mut Out<'_>) {
+        self.waiting.push(call);
+        // The first user to stop everything is the one recorded.
+        self.by.get_or_insert(estop);
+        self.keep(out);
+    }
+
+    /// Lets programs begin again.
+    pub(super) fn release(&mut self, call: u64, out: &mut Out<'_>) {
+        self.releasing.push((call, self.by.take().is_some()));
+        self.keep(out);
+    }
+
+    /// Has the present state written to the disk: a node that was killed may not have written it.
+    pub(super) fn keep(&mut self, out: &mut Out<'_>) {
+        self.writes.0 += 1;
+        out.effects.push(Effect::KeepEstop { number: self.writes.0, estop: self.by.clone() });
+    }
+
+    /// A write is over. Each one writes what holds then, so the last one counts.
+    pub(super) fn kept(&mut self, number: u64, written: Result<(), String>, out: &mut Out<'_>) {
+        if number <= self.writes.1 {
+            return;
+        }
+        self.writes.1 = number;
+        self.unwritten = written.err();
+        if self.is_written() {
+            for (call, was_stopped) in std::mem::take(&mut self.releasing) {
+                out.answer_last(call, Answer::Released { was_stopped, unwritten: self.unwritten.clone() });
+            }
+        }
+    }
+
     /// Whether the last write that was asked for is over.
-    const fn is_over(&self) -> bool {
+    const fn is_written(&self) -> bool {
         self.writes.0 == self.writes.1
     }
 
@@ -35,94 +86,24 @@ impl Stopped {
             self.open.extend(may_go_on.iter().map(|what| format!("{deployment} {what}")));
         }
     }
-}
 
-impl Agent {
-    /// Ends everything on this host; the call is answered when nothing of it runs.
-    pub(super) fn estop(&mut self, call: u64, estop: &Estop, out: &mut Out<'_>) {
-        let estop = estop.bounded();
-        let why = format!("it {}", FailureCause::Estop(estop.clone()));
-        self.stop_gathering(|_| true, &why, out);
-        for participant in self.participants.values_mut() {
-            participant.stop_at_once(&estop, out);
-        }
-        for coordinator in self.coordinators.values_mut() {
-            coordinator.abort(FailureCause::Estop(estop.clone()), out);
-        }
-        self.stopped.waiting.push(call);
-        // The first user to stop everything is the one recorded.
-        self.stopped.by.get_or_insert(estop);
-        self.keep_estop(out);
-    }
-
-    /// Lets programs begin again.
-    pub(super) fn release_estop(&mut self, call: u64, out: &mut Out<'_>) {
-        self.stopped.releasing.push((call, self.stopped.by.take().is_some()));
-        self.keep_estop(out);
-    }
-
-    /// Has the present state written to the disk: a node that was killed may not have written it.
-    pub(super) fn keep_estop(&mut self, out: &mut Out<'_>) {
-        self.stopped.writes.0 += 1;
-        out.effects.push(Effect::KeepEstop { number: self.stopped.writes.0, estop: self.stopped.by.clone() });
-    }
-
-    /// A write is over. Each one writes what holds then, so the last one counts.
-    pub(super) fn estop_kept(&mut self, number: u64, written: Result<(), String>, out: &mut Out<'_>) {
-        if number <= self.stopped.writes.1 {
+    /// Answers the callers that wait until nothing runs, now that nothing runs, if the disk has answered. `unended` are the
+    /// programs that could not be ended.
+    pub(super) fn tell(&mut self, unended: impl Iterator<Item = String>, effects: &mut Vec<Effect>) {
+        if self.waiting.is_empty() || !self.is_written() {
             return;
         }
-        self.stopped.writes.1 = number;
-        self.stopped.unwritten = written.err();
-        if self.stopped.is_over() {
-            for (call, was_stopped) in std::mem::take(&mut self.stopped.releasing) {
-                let unwritten = self.stopped.unwritten.clone();
-                out.answer_last(call, Answer::Released { was_stopped, unwritten });
-            }
-        }
-    }
-
-    /// Answers the callers that wait until nothing runs, once that is the case and the disk has answered.
-    pub(super) fn tell_stopped(&mut self, effects: &mut Vec<Effect>) {
-        if self.stopped.waiting.is_empty() || !self.participants.is_empty() || !self.stopped.is_over() {
-            return;
-        }
-        let mut unended = std::mem::take(&mut self.stopped.open);
-        for (deployment, left) in &self.past.unended {
-            let programs =
-                self.past.programs.iter().find(|(id, _)| id == deployment).map_or(&[][..], |(_, programs)| programs);
-            let left = programs.iter().filter(|(leaf, _)| left.leaves.contains(leaf));
-            unended.extend(left.map(|(_, path)| format!("{deployment} {path}")));
-        }
-        let estopped = Estopped { unended, unwritten: self.stopped.unwritten.clone() };
-        for call in std::mem::take(&mut self.stopped.waiting) {
+        let unended = std::mem::take(&mut self.open).into_iter().chain(unended).collect();
+        let estopped = Estopped { unended, unwritten: self.unwritten.clone() };
+        for call in std::mem::take(&mut self.waiting) {
             effects.push(Effect::Answer { call, answer: Box::new(Answer::Estopped(estopped.clone())) });
             effects.push(Effect::EndAnswers { call });
         }
     }
 
     /// Forgets a waiting caller.
-    pub(super) fn forget_stopped(&mut self, call: u64) {
-        self.stopped.waiting.retain(|waiting| *waiting != call);
-        self.stopped.releasing.retain(|(waiting, _)| *waiting != call);
-    }
-
-    /// Returns the user who has stopped everything, if there is one.
-    pub(super) const fn stopped_by(&self) -> Option<&Estop> {
-        self.stopped.by.as_ref()
-    }
-
-    /// Returns why this node begins nothing, if that is so.
-    pub(super) fn obstacle(&self, now: Time) -> Option<String> {
-        let stopped = || {
-            let by = self.stopped.by.as_ref()?;
-            Some(format!("{by}; `dca estop --release` lets programs begin again"))
-        };
-        self.namesake().or_else(stopped).or_else(|| self.crash_loop(now))
-    }
-
-    /// Begins with everything stopped, if everything was stopped when the previous node ended.
-    pub(super) fn stopped_before(by: Option<Estop>) -> Stopped {
-        Stopped { by, ..Stopped::default() }
+    pub(super) fn forget(&mut self, call: u64) {
+        self.waiting.retain(|waiting| *waiting != call);
+        self.releasing.retain(|(waiting, _)| *waiting != call);
     }
 }

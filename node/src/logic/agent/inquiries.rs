@@ -7,9 +7,8 @@
 //!
 //! No host is waited for longer than [`WITHIN`]: a host that has not answered by then is named in the answer.
 
-use super::Agent;
-use crate::logic::coordinator::Coordinator;
 use crate::logic::effect::{Out, ProcessId, earliest};
+use crate::logic::nameserver::NameServer;
 use crate::logic::protocol::{Answer, Body, Message};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -59,80 +58,86 @@ impl Inquiries {
         self.open.retain(|inquiry| inquiry.call != call);
     }
 
-    /// Returns when [`Agent::tick_inquiries`] wants to be called.
+    /// Returns when [`Inquiries::due`] wants to be called.
     pub(super) fn deadline(&self) -> Option<Time> {
         self.open.iter().map(|inquiry| inquiry.until).fold(None, |first, until| earliest(first, Some(until)))
     }
 
-    fn answered(&mut self, number: u64, from: &str) {
-        let inquiry = self.open.iter_mut().find(|inquiry| inquiry.number == number);
-        if let Some(inquiry) = inquiry {
-            inquiry.hosts.remove(from);
-        }
-    }
-}
-
-impl Agent {
-    /// Asks every host of the deployments whose home is here, and answers the call once they have answered.
-    pub(super) fn inquire(&mut self, call: u64, out: &mut Out<'_>) {
-        let own = &self.identity.host;
-        let all = self.coordinators.values().flat_map(Coordinator::taking_part);
-        let hosts: BTreeSet<String> = all.filter(|host| *host != own).cloned().collect();
-        let number = self.callers.inquiries.count;
-        self.callers.inquiries.count += 1;
-        let is_waited_for = self.callers.inquiries.open.len() < OPEN_MAX;
+    /// Asks these hosts for a call.
+    pub(super) fn ask(&mut self, call: u64, hosts: BTreeSet<String>, names: &NameServer, out: &mut Out<'_>) {
+        let number = self.count;
+        self.count += 1;
+        let is_waited_for = self.open.len() < OPEN_MAX;
         if is_waited_for {
-            for host in hosts.iter().filter(|host| self.peers.names.reaches(host)) {
+            for host in hosts.iter().filter(|host| names.reaches(host)) {
                 out.send(host, Message::about_none(Body::Inquiry { number }));
             }
         }
         let until = if is_waited_for { out.now + WITHIN } else { out.now };
-        self.callers.inquiries.open.push(Inquiry { number, call, hosts, until });
+        self.open.push(Inquiry { number, call, hosts, until });
     }
 
     /// Asks a host that is there again: the first question may not have reached it.
-    pub(super) fn inquire_again(&self, host: &str, out: &mut Out<'_>) {
-        for &Inquiry { number, .. } in self.callers.inquiries.open.iter().filter(|inquiry| inquiry.hosts.contains(host))
-        {
+    pub(super) fn ask_again(&self, host: &str, out: &mut Out<'_>) {
+        for &Inquiry { number, .. } in self.open.iter().filter(|inquiry| inquiry.hosts.contains(host)) {
             out.send(host, Message::about_none(Body::Inquiry { number }));
         }
     }
 
     /// Takes the question of a home.
     pub(super) fn inquired(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
-        if self.callers.inquiries.unreached.is_empty() {
+        if self.unreached.is_empty() {
             out.send(from, Message::about_none(Body::Reported { number }));
-        } else if self.callers.inquiries.asked_by.len() < OPEN_MAX {
-            self.callers.inquiries.asked_by.insert((from.to_owned(), number));
+        } else if self.asked_by.len() < OPEN_MAX {
+            self.asked_by.insert((from.to_owned(), number));
         }
     }
 
     /// Takes the answer of a host: all events of the host before the question have arrived before this answer.
-    pub(super) fn reported(&mut self, number: u64, from: &str) {
-        self.callers.inquiries.answered(number, from);
+    pub(super) fn answered(&mut self, number: u64, from: &str) {
+        if let Some(inquiry) = self.open.iter_mut().find(|inquiry| inquiry.number == number) {
+            inquiry.hosts.remove(from);
+        }
     }
 
-    /// Answers the questions that can be answered, or whose time is over.
-    pub(super) fn tick_inquiries(&mut self, out: &mut Out<'_>) {
-        let is_reached = self.callers.inquiries.unreached.is_empty();
-        if is_reached {
-            for (home, number) in std::mem::take(&mut self.callers.inquiries.asked_by) {
+    /// Answers the homes that have asked, once all programs here are reached.
+    pub(super) fn answer_homes(&mut self, out: &mut Out<'_>) {
+        if self.unreached.is_empty() {
+            for (home, number) in std::mem::take(&mut self.asked_by) {
                 out.send(&home, Message::about_none(Body::Reported { number }));
             }
         }
-        // The shims of this host report no events of deployments whose home is another host.
-        let waits_for_shims = !is_reached && !self.coordinators.is_empty();
-        let names = &self.peers.names;
+    }
+
+    /// Takes the questions that can be answered, or whose time is over. `has_homes` tells whether a deployment has its home on
+    /// this host: the shims of this host report no events of other deployments.
+    pub(super) fn due(&mut self, own: &str, has_homes: bool, names: &NameServer, now: Time) -> Vec<Due> {
+        let waits_for_shims = !self.unreached.is_empty() && has_homes;
         let is_due = |inquiry: &mut Inquiry| {
             let is_waiting = waits_for_shims || inquiry.hosts.iter().any(|host| names.reaches(host));
-            inquiry.until <= out.now || !is_waiting
+            inquiry.until <= now || !is_waiting
         };
-        for Inquiry { call, hosts, .. } in self.callers.inquiries.open.extract_if(.., is_due).collect::<Vec<_>>() {
-            self.tell_events(call, false, out);
-            let own = waits_for_shims.then(|| self.identity.host.clone());
-            let behind: Vec<String> = hosts.into_iter().chain(own).collect();
-            let answer = if behind.is_empty() { Answer::Events(Vec::new()) } else { Answer::Behind(behind) };
-            out.answer_last(call, answer);
-        }
+        let own = waits_for_shims.then(|| own.to_owned());
+        let due = |inquiry: Inquiry| Due {
+            call: inquiry.call,
+            behind: inquiry.hosts.into_iter().chain(own.clone()).collect(),
+        };
+        self.open.extract_if(.., is_due).map(due).collect()
+    }
+}
+
+/// A question that is answered now.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Due {
+    pub(super) call: u64,
+    /// The hosts that have not answered.
+    behind: Vec<String>,
+}
+
+impl Due {
+    /// Completes the answer to the call, after the events.
+    pub(super) fn end(self, out: &mut Out<'_>) {
+        let Self { call, behind } = self;
+        out.answer_last(call, if behind.is_empty() { Answer::Events(Vec::new()) } else { Answer::Behind(behind) });
     }
 }

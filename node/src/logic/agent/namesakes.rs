@@ -5,10 +5,10 @@
 //! the higher epoch; within one epoch, the one whose home is reachable from its node; otherwise the one on the node
 //! that was there first. The other instance is ended at once, at its home as preempted.
 
-use super::Agent;
+use super::peers::Peers;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, FailureCause, Namesake};
+use crate::logic::protocol::{Deployment, Namesake};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,16 +22,35 @@ pub(super) struct Rivalry {
     reported: BTreeSet<(u64, Deployment)>,
 }
 
-impl Agent {
+/// Every deployment with a part here that is not about to end, and whether its home is reached.
+pub(super) type OwnDeployments = BTreeMap<Deployment, bool>;
+
+/// A node of this one's name that has told which deployments it runs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rival {
+    boot: u64,
+    /// Whether it was there first.
+    is_elder: bool,
+}
+
+impl Rival {
+    /// Returns whether this node keeps a deployment that runs on both nodes; nothing if it does not run on the other one.
+    pub(super) fn keeps(self, own: &Deployment, reaches_home: bool, other: &Namesake) -> Option<bool> {
+        let (theirs, reaches) = other.deployments.iter().find(|(one, _)| one.name == own.name)?;
+        Some((own.epoch, reaches_home, !self.is_elder) > (theirs.epoch, *reaches, self.is_elder))
+    }
+}
+
+impl Peers {
     /// Returns why this node takes nothing on, if another node has its name.
     pub(super) fn namesake(&self) -> Option<String> {
-        let host = &self.identity.host;
-        if let Some(place) = self.peers.names.elder() {
+        let host = &self.host;
+        if let Some(place) = self.names.elder() {
             return Some(format!(
                 "another node called `{host}` was there first: {place}; give this one another name with `dca-node --name`"
             ));
         }
-        let place = self.peers.names.duplicates("").into_iter().find(|one| one.host == *host)?.second;
+        let place = self.names.duplicates("").into_iter().find(|one| one.host == *host)?.second;
         Some(format!(
             "a second node is called `{host}`: {place}; nothing begins under this name before that one has another, with \
              `dca-node --name`"
@@ -39,65 +58,44 @@ impl Agent {
     }
 
     /// Tells others of this name which deployments run here.
-    pub(super) fn greet(&mut self, out: &mut Out<'_>) {
-        let there: BTreeSet<u64> = self.peers.names.namesakes().map(|(boot, _)| boot).collect();
-        self.peers.rivalry.ended.retain(|_, boot| there.contains(boot));
-        self.peers.rivalry.reported.retain(|(boot, _)| there.contains(boot));
+    pub(super) fn greet(&mut self, own: &OwnDeployments, out: &mut Out<'_>) {
+        let there: BTreeSet<u64> = self.names.namesakes().map(|(boot, _)| boot).collect();
+        self.rivalry.ended.retain(|_, boot| there.contains(boot));
+        self.rivalry.reported.retain(|(boot, _)| there.contains(boot));
         for to_boot in there {
-            let deployments = self.own_deployments().into_iter().collect();
-            let ended = self.peers.rivalry.ended.iter().filter(|(_, boot)| **boot == to_boot);
+            let deployments = own.iter().map(|(deployment, reaches)| (deployment.clone(), *reaches)).collect();
+            let ended = self.rivalry.ended.iter().filter(|(_, boot)| **boot == to_boot);
             let ended = ended.map(|(deployment, _)| deployment.clone()).collect();
-            let namesake = Namesake { boot: self.identity.boot, to_boot, deployments, ended };
+            let namesake = Namesake { boot: self.boot, to_boot, deployments, ended };
             out.effects.push(Effect::Greet(Box::new(namesake)));
         }
     }
 
-    /// Takes the message of another node of this name. A deployment that runs on both nodes, and that the other one
-    /// keeps, is ended here.
-    pub(super) fn greeted(&mut self, other: &Namesake, out: &mut Out<'_>) {
-        let known = self.peers.names.namesakes().find(|(boot, _)| *boot == other.boot);
-        let Some((boot, is_elder)) = known.filter(|_| other.to_boot == self.identity.boot) else { return };
-        let own = self.own_deployments();
+    /// Takes the message of another node of this name; nothing if it is not for this boot, or of an unknown node. Reports the
+    /// deployments that the other node has ended.
+    pub(super) fn greeted(&mut self, other: &Namesake, own: &OwnDeployments, out: &mut Out<'_>) -> Option<Rival> {
+        let (boot, is_elder) = self.names.namesakes().find(|(boot, _)| *boot == other.boot)?;
+        let rival = (other.to_boot == self.boot).then_some(Rival { boot, is_elder })?;
         let is_ended_there = |one: &&Deployment| other.ended.iter().any(|theirs| theirs.name == one.name);
-        own.keys().filter(is_ended_there).for_each(|deployment| self.runs_twice(deployment, boot, true, out));
-        for (deployment, reaches_home) in own {
-            let Some((theirs, reaches)) = other.deployments.iter().find(|(one, _)| one.name == deployment.name) else {
-                continue;
-            };
-            let keeps = (deployment.epoch, reaches_home, !is_elder) > (theirs.epoch, *reaches, is_elder);
-            self.runs_twice(&deployment, boot, keeps, out);
-            if keeps {
-                continue;
-            }
-            self.peers.rivalry.ended.insert(deployment.clone(), boot);
-            if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
-                let place = self.peers.names.place(boot).unwrap_or_default().to_owned();
-                coordinator.abort(FailureCause::Preempted(place), out);
-            } else if let Some(participant) = self.participants.get_mut(&deployment) {
-                participant.give_up(&format!("another node of its name keeps `{deployment}`"), out);
-            }
-        }
+        own.keys().filter(is_ended_there).for_each(|deployment| self.runs_twice(deployment, rival, true, out));
+        Some(rival)
     }
 
     /// Reports, once, that a deployment also runs on another node of this name, and whether it goes on here.
-    fn runs_twice(&mut self, deployment: &Deployment, boot: u64, keeps: bool, out: &mut Out<'_>) {
-        if self.peers.rivalry.reported.insert((boot, deployment.clone())) {
-            let place = self.peers.names.place(boot).unwrap_or_default().to_owned();
+    pub(super) fn runs_twice(&mut self, deployment: &Deployment, rival: Rival, keeps: bool, out: &mut Out<'_>) {
+        if self.rivalry.reported.insert((rival.boot, deployment.clone())) {
+            let place = self.place_of(rival);
             out.effects.push(Effect::Peer(Change::Twice { deployment: deployment.to_string(), place, keeps }));
         }
     }
 
-    /// Returns the names that two nodes have.
-    pub(super) fn duplicates(&self) -> Answer {
-        let place = format!("process {} on the host of the node that says so", self.identity.pid);
-        Answer::Duplicates(self.peers.names.duplicates(&place))
+    /// Takes note that a deployment ends here, and continues at another node of this name. Returns where that is.
+    pub(super) fn ends_for(&mut self, deployment: &Deployment, rival: Rival) -> String {
+        self.rivalry.ended.insert(deployment.clone(), rival.boot);
+        self.place_of(rival)
     }
 
-    /// Returns every deployment with a part here that is not about to end, and whether its home is reached.
-    fn own_deployments(&self) -> BTreeMap<Deployment, bool> {
-        let homes = self.coordinators.iter().filter(|(_, home)| !home.is_ending()).map(|(one, _)| (one.clone(), true));
-        let reaches = |home: &str| home == self.identity.host || self.peers.names.reaches(home);
-        let parts = self.participants.iter().filter(|(_, part)| !part.is_leaving());
-        parts.map(|(one, part)| (one.clone(), reaches(part.home()))).chain(homes).collect()
+    fn place_of(&self, rival: Rival) -> String {
+        self.names.place(rival.boot).unwrap_or_default().to_owned()
     }
 }

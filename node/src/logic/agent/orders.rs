@@ -1,14 +1,12 @@
 //! Orders of other nodes that start something, at a node in a team: each waits until it is known that a user has signed it.
 
-use super::Agent;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::gate::outcome_of_order;
 use crate::logic::protocol::{
-    Answer, Body, ChangeOrder, ChangeReply, Deployment, Message, Request, ToCoordinator, ToParticipant,
+    Body, ChangeOrder, ChangeReply, Deployment, Message, Request, Signed, ToCoordinator, ToParticipant,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
 use trust::request;
 
 /// How many orders wait for their verdict; more are refused.
@@ -18,124 +16,115 @@ const ORDERS_MAX: usize = 64;
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Orders {
     next: u64,
-    waiting: BTreeMap<u64, Waiting>,
+    waiting: BTreeMap<u64, Order>,
     /// The orders that were accepted and not answered yet, each with the node that gave it; if there are many, the
     /// latest ones.
     accepted: VecDeque<(u64, Deployment, String)>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-struct Waiting {
-    deployment: Deployment,
-    from: String,
-    order: ToParticipant,
+/// An order of another node.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Order {
+    pub(super) deployment: Deployment,
+    pub(super) from: String,
+    pub(super) order: ToParticipant,
 }
 
-impl Agent {
-    /// Takes a call. A request that a user has signed is passed on to the nodes that carry it out.
-    pub(super) fn take_call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
-        let Request::Signed(signed) = request else { return self.call(call, request, None, out) };
-        match signed.request() {
-            Ok(mut request) => {
-                // The signer of the request is its author.
-                if let (Request::Deploy { by, .. }, Ok((_, name))) =
-                    (&mut request, request::Request::peek(&signed.head))
-                {
-                    *by = name.to_string();
-                } else if let (Request::Change(change), Ok((_, name))) =
-                    (&mut request, request::Request::peek(&signed.head))
-                {
-                    change.by = name.to_string();
-                } else if let (Request::Tell(tell), Ok((_, name))) =
-                    (&mut request, request::Request::peek(&signed.head))
-                {
-                    tell.by = name.to_string();
-                }
-                self.call(call, request, Some(Arc::new(*signed)), out);
-            }
-            Err(error) => {
-                out.answer_last(call, Answer::Refused(format!("what was signed cannot be read: {error}")));
-            }
-        }
-    }
+/// The decision about an order.
+#[derive(Debug, PartialEq)]
+pub(super) enum Taken {
+    /// It starts nothing, and is carried out at once.
+    Now(Order),
+    /// It waits for its verdict.
+    Waits,
+    /// It is refused, because too many wait.
+    TooMany(Order),
+}
 
-    /// Takes an order of another node. In a team, an order that starts something waits for its verdict.
-    pub(super) fn take_order(&mut self, deployment: Deployment, order: ToParticipant, from: &str, out: &mut Out<'_>) {
-        if !self.identity.is_guarded {
-            if let Some(order) = order.plain() {
-                self.deliver_to_participant(&deployment, order, from, out);
-            }
-            return;
-        }
-        if order == ToParticipant::Release {
+impl Orders {
+    /// Takes an order, which waits for its verdict if it starts something.
+    pub(super) fn take(&mut self, order: Order, out: &mut Out<'_>) -> Taken {
+        if order.order == ToParticipant::Release {
             // An order that has not begun can be dropped.
-            self.orders.waiting.retain(|_, waiting| waiting.deployment != deployment || waiting.from != from);
+            self.waiting.retain(|_, waiting| waiting.deployment != order.deployment || waiting.from != order.from);
         }
-        if !order.starts() {
-            return self.deliver_to_participant(&deployment, order, from, out);
+        if !order.order.starts() {
+            return Taken::Now(order);
         }
-        let waiting = Waiting { deployment, from: from.to_owned(), order };
-        if self.orders.waiting.len() >= ORDERS_MAX {
-            return self.refuse_order(waiting, "too many orders wait to be judged", out);
+        if self.waiting.len() >= ORDERS_MAX {
+            return Taken::TooMany(order);
         }
-        self.orders.next += 1;
-        out.effects.push(waiting.judge(self.orders.next));
-        self.orders.waiting.insert(self.orders.next, waiting);
+        self.next += 1;
+        out.effects.push(order.judge(self.next));
+        self.waiting.insert(self.next, order);
+        Taken::Waits
     }
 
-    /// Carries out an order that a user has signed, or refuses it.
-    pub(super) fn judged(&mut self, number: u64, verdict: Result<(), String>, out: &mut Out<'_>) {
-        let Some(waiting) = self.orders.waiting.remove(&number) else { return };
-        match verdict {
-            Ok(()) => {
-                let Waiting { deployment, from, order } = waiting;
-                self.orders.accepted.push_back((number, deployment.clone(), from.clone()));
-                self.orders.accepted.drain(..self.orders.accepted.len().saturating_sub(ORDERS_MAX));
-                if let Some(order) = order.plain() {
-                    self.deliver_to_participant(&deployment, order, &from, out);
-                }
-            }
-            Err(why) => self.refuse_order(waiting, &why, out),
+    /// Takes an order that has its verdict from those that wait.
+    pub(super) fn judged(&mut self, number: u64, is_accepted: bool) -> Option<Order> {
+        let order = self.waiting.remove(&number)?;
+        if is_accepted {
+            self.accepted.push_back((number, order.deployment.clone(), order.from.clone()));
+            self.accepted.drain(..self.accepted.len().saturating_sub(ORDERS_MAX));
         }
+        Some(order)
     }
 
     /// Notes the outcome of an accepted order, if this message is the answer to that order.
     pub(super) fn note_outcome(&mut self, to: &str, message: &Message, effects: &mut Vec<Effect>) {
         let Body::Coordinator(answer) = &message.body else { return };
-        let mut accepted = self.orders.accepted.iter();
+        let mut accepted = self.accepted.iter();
         let place = accepted.position(|(_, deployment, from)| *deployment == message.deployment && from == to);
         let Some((place, outcome)) = place.zip(outcome_of_order(answer)) else { return };
-        if let Some((number, ..)) = self.orders.accepted.remove(place) {
+        if let Some((number, ..)) = self.accepted.remove(place) {
             effects.push(Effect::OrderEnded { number, outcome });
         }
     }
 
     /// Asks again for the verdicts that a node which was killed has not given.
-    pub(super) fn judge_again(&mut self, out: &mut Out<'_>) {
-        out.effects.extend(self.orders.waiting.iter().map(|(number, waiting)| waiting.judge(*number)));
+    pub(super) fn judge_again(&self, out: &mut Out<'_>) {
+        out.effects.extend(self.waiting.iter().map(|(number, order)| order.judge(*number)));
     }
 
     /// Drops the orders of a node that is lost.
-    pub(super) fn forget_orders(&mut self, from: &str) {
-        self.orders.waiting.retain(|_, waiting| waiting.from != from);
+    pub(super) fn forget(&mut self, from: &str) {
+        self.waiting.retain(|_, waiting| waiting.from != from);
+    }
+}
+
+impl Order {
+    fn judge(&self, number: u64) -> Effect {
+        let (deployment, from) = (self.deployment.clone(), self.from.clone());
+        Effect::Judge { number, deployment, from, order: Box::new(self.order.clone()) }
     }
 
-    fn refuse_order(&self, Waiting { deployment, from, order }: Waiting, why: &str, out: &mut Out<'_>) {
-        let reason = format!("host `{}`: {why}", self.identity.host);
-        let answer = match order.plain() {
+    /// Tells the node that gave the order why this host does not carry it out.
+    pub(super) fn refuse(self, host: &str, why: &str, out: &mut Out<'_>) {
+        let reason = format!("host `{host}`: {why}");
+        let answer = match self.order.plain() {
             Some(ToParticipant::Change(ChangeOrder::Examine { number, .. })) => {
                 ToCoordinator::Change(ChangeReply::Examined { number, reasons: vec![reason] })
             }
             Some(ToParticipant::Change(order)) => ToCoordinator::Change(order.failed(reason)),
             _ => ToCoordinator::Refused { reasons: vec![reason] },
         };
-        out.send(&from, deployment.to_coordinator(answer));
+        out.send(&self.from, self.deployment.to_coordinator(answer));
     }
 }
 
-impl Waiting {
-    fn judge(&self, number: u64) -> Effect {
-        let (deployment, from) = (self.deployment.clone(), self.from.clone());
-        Effect::Judge { number, deployment, from, order: Box::new(self.order.clone()) }
+/// Returns a signed request, with the signer as its author.
+///
+/// # Errors
+/// Why it cannot be read.
+pub(super) fn signed_request(signed: &Signed) -> Result<Request, String> {
+    let mut request = signed.request().map_err(|error| format!("what was signed cannot be read: {error}"))?;
+    let Ok((_, name)) = request::Request::peek(&signed.head) else { return Ok(request) };
+    if let Request::Deploy { by, .. } = &mut request {
+        *by = name.to_string();
+    } else if let Request::Change(change) = &mut request {
+        change.by = name.to_string();
+    } else if let Request::Tell(tell) = &mut request {
+        tell.by = name.to_string();
     }
+    Ok(request)
 }

@@ -1,7 +1,5 @@
 //! Answers that promise that a deployment does not begin again: each is sent once the disk has forgotten the deployment.
 
-use super::calls::STOPPED;
-use super::{Agent, AwaitingHosts};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Body, Deployment, Message, StopReply};
 use serde::{Deserialize, Serialize};
@@ -21,6 +19,11 @@ pub(super) enum Promise {
 }
 
 impl Promises {
+    /// Sends this answer once the disk has forgotten a deployment. The disk was asked before.
+    pub(super) fn add(&mut self, deployment: Deployment, promise: Promise) {
+        self.0.entry(deployment).or_default().push(promise);
+    }
+
     /// Returns whether no answer waits.
     pub(super) fn is_empty(&self) -> bool {
         self.0.is_empty()
@@ -31,38 +34,19 @@ impl Promises {
         let is_other = |promise: &Promise| !matches!(promise, Promise::Stopped(waiting) if *waiting == call);
         self.0.values_mut().for_each(|promises| promises.retain(is_other));
     }
-}
 
-impl Agent {
-    /// Sends this answer once the disk has forgotten a deployment. The disk was asked before.
-    pub(super) fn promise(&mut self, deployment: Deployment, promise: Promise) {
-        self.callers.promises.0.entry(deployment).or_default().push(promise);
-    }
-
-    /// Stops a deployment of this name that has not begun, and answers when it is certain that it never begins. Returns whether
-    /// there is such a deployment.
-    pub(super) fn stop_waiting(&mut self, call: u64, name: &str, out: &mut Out<'_>) -> bool {
-        let is_meant = |one: &&AwaitingHosts| one.plan.name == name;
-        let Some(one) = self.pending.awaiting.iter().find(is_meant) else { return false };
-        let before = one.resumed.as_ref().map(|resumed| resumed.before().clone());
-        self.stop_gathering(|plan| plan.name == name, STOPPED, out);
-        if let Some(before) = before {
-            self.promise(before, Promise::Stopped(call));
-        } else {
-            out.answer_last(call, Answer::Stop(StopReply::Stopped));
-        }
-        true
-    }
-
-    /// Takes note that the disk has forgotten a deployment, or why it has not.
-    pub(super) fn unkept(&mut self, deployment: &Deployment, written: &Result<(), String>, out: &mut Out<'_>) {
-        if let Some(home) = self.coordinators.get_mut(deployment) {
-            home.unkept(out);
-        }
-        for promise in self.callers.promises.0.remove(deployment).unwrap_or_default() {
+    /// Takes note that the disk of this host has forgotten a deployment, or why it has not, and sends the answers that wait for that.
+    pub(super) fn unkept(
+        &mut self,
+        deployment: &Deployment,
+        host: &str,
+        written: &Result<(), String>,
+        out: &mut Out<'_>,
+    ) {
+        for promise in self.0.remove(deployment).unwrap_or_default() {
             match promise {
                 Promise::Stopped(call) => {
-                    let refused = |why: &String| Answer::Refused(self.not_for_good(&deployment.name, why));
+                    let refused = |why: &String| Answer::Refused(not_for_good(&deployment.name, host, why));
                     let said = written.as_ref().map_or_else(refused, |()| Answer::Stop(StopReply::Stopped));
                     out.answer_last(call, said);
                 }
@@ -75,17 +59,14 @@ impl Agent {
         }
     }
 
-    fn not_for_good(&self, name: &str, why: &str) -> String {
-        format!(
-            "`{name}` does not begin while this node runs, but it may after a reboot: host `{}` cannot write down that it was stopped: {why}",
-            self.identity.host
-        )
-    }
-
     /// Asks the disk again, because a killed node has not heard the answers.
-    pub(super) fn unkeep_again(&mut self, out: &mut Out<'_>) {
-        let promised = self.callers.promises.0.keys();
-        out.effects.extend(promised.map(|deployment| Effect::Unkeep { deployment: deployment.clone() }));
-        self.coordinators.values_mut().for_each(|home| home.unkeep_again(out));
+    pub(super) fn unkeep_again(&self, out: &mut Out<'_>) {
+        out.effects.extend(self.0.keys().map(|deployment| Effect::Unkeep { deployment: deployment.clone() }));
     }
+}
+
+fn not_for_good(name: &str, host: &str, why: &str) -> String {
+    format!(
+        "`{name}` does not begin while this node runs, but it may after a reboot: host `{host}` cannot write down that it was stopped: {why}"
+    )
 }
