@@ -23,29 +23,35 @@ mod status;
 pub mod table;
 mod watch;
 
+use alarms::Alarms;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::Wall;
-use dbmanager::logic::key::Namespace;
 use dbmanager::logic::message::{Message, Pattern};
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, CommitRequest, Replica};
+use dbmanager::logic::state::State;
 use dbmanager::logic::txn::{Draft, EncodedTxn, TxnError};
-use dbmanager::logic::version_vector::ReplicaId;
-use dbmanager::logic::view::as_of::Checkpoints;
+use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
+use dbmanager::logic::view::as_of::{AsOfError, Checkpoints};
 use dbmanager::logic::view::conflict::RaceCount;
-use dbmanager::logic::view::past::Past;
+use dbmanager::logic::view::past::{Keys, Past};
 use dbmanager::logic::view::schema::{self, Schemas};
-use dbmanager::logic::view::watch::Watch;
-use other_team::OtherTeam;
-use question::{AckLevel, AsOf, Envelope, Question, Reply, WriteRequest};
+use disk::{Disk, Durable};
+use look::Readable;
+use other_team::{OtherTeam, Teams};
+use question::{AckLevel, AsOf, Commit, Envelope, Question, Reply, Resolve, WriteRequest};
+use refuse::LOCAL;
 use settings::Settings;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+use watch::Watchers;
 
 /// The name of the team of robots that were not given one.
 pub const TEAM: &str = "dca";
 /// How many peers that have been heard of are remembered.
 const HEARD_MAX: usize = 1024;
+/// The refusal of a watcher of local keys.
+const NO_NEWS: &str = "what is below `local/` can be read and written, not watched";
 /// About how many bytes of keys and values go into one reply.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 
@@ -110,7 +116,7 @@ pub struct Database {
     /// The other replicas that were heard lately, and when.
     heard: BTreeMap<ReplicaId, KnownPeer>,
     other_team: OtherTeam,
-    alarms: VecDeque<String>,
+    alarms: Alarms,
     wall: Wall,
     /// Whether the settings for the node in its own keys have changed in this turn.
     resettled: bool,
@@ -127,25 +133,11 @@ struct Place {
     store: Option<String>,
 }
 
-/// The state of the disk.
-#[derive(Debug, Default)]
-struct Disk {
-    /// Why the database does not write.
-    closed: Option<String>,
-    /// The durable state, while the disk does not write.
-    durable: Option<disk::Durable>,
-    /// The errors since the last write.
-    failures: BTreeSet<String>,
-}
-
 #[derive(Debug, Default)]
 struct Calls {
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
-    /// The watchers, by number of the call.
-    watchers: BTreeMap<u64, Watch>,
-    /// Whether there may be more for a watcher.
-    more: bool,
+    watchers: Watchers,
 }
 
 /// The values that are derived from the replica.
@@ -183,7 +175,7 @@ impl Database {
             calls: Calls::default(),
             heard: BTreeMap::new(),
             other_team: OtherTeam::default(),
-            alarms: VecDeque::new(),
+            alarms: Alarms::default(),
             wall: Wall::default(),
             resettled: true,
             derived: Derived::default(),
@@ -231,7 +223,7 @@ impl Database {
                     let from = envelope.from;
                     self.receive(now, envelope, Some((asked, from)), effects);
                 }
-                Input::Gone(call) => drop(self.calls.watchers.remove(&call)),
+                Input::Gone(call) => self.calls.watchers.forget(call),
                 Input::Appeared => self.feed(now, replica::Input::Appeared(wall), &mut None, effects),
             }
         }
@@ -241,8 +233,9 @@ impl Database {
         if self.replica.deadline().is_some_and(|deadline| deadline <= now) {
             self.feed(now, replica::Input::Tick(wall), &mut None, effects);
         }
-        self.tell_watchers(effects);
-        self.derived.checkpoints.note(&Past { log: self.replica.log(), state: self.replica.state() });
+        let past = Past { log: self.replica.log(), state: self.replica.state() };
+        self.calls.watchers.tell(&past, effects);
+        self.derived.checkpoints.note(&past);
         if std::mem::take(&mut self.resettled) {
             effects.push(Effect::Settings(Settings::of(self.replica.state(), &self.place.robot)));
         }
@@ -250,8 +243,8 @@ impl Database {
 
     /// Returns when [`Database::handle`] is to be called even without an input.
     pub fn deadline(&self) -> Option<Time> {
-        match &self.disk.closed {
-            None if self.calls.more => Some(Time::ZERO),
+        match self.disk.closed() {
+            None if self.calls.watchers.has_more() => Some(Time::ZERO),
             None => self.replica.deadline(),
             Some(_) => None,
         }
@@ -267,8 +260,112 @@ impl Database {
         &self.replica
     }
 
+    /// Returns what can be read of it.
+    fn readable(&self) -> Readable<'_> {
+        let Self { replica, disk, derived, place, .. } = self;
+        let (state, local) = (disk.state(replica), disk.local(replica));
+        Readable { replica, state, local, checkpoints: &derived.checkpoints, robot: &place.robot }
+    }
+
+    fn teams(&self) -> Teams<'_> {
+        Teams { place: &self.place, replica: &self.replica, other: &self.other_team }
+    }
+
+    /// Returns the readable state: nothing that may not be on the disk.
+    pub fn state(&self) -> &State {
+        self.disk.state(&self.replica)
+    }
+
+    /// Returns the readable state before a turn that may fail to reach the disk.
+    pub fn durable(&self) -> Durable {
+        self.disk.durable(&self.replica)
+    }
+
+    /// Returns why the database does not write, if that is so.
+    pub fn closed(&self) -> Option<&str> {
+        self.disk.closed()
+    }
+
+    /// Takes note that the disk has not taken a turn. Returns the remaining effects: `rest`, the effects planned after
+    /// the write, without those that have not happened. From now on only questions are answered, from `before`, the
+    /// state before the turn.
+    pub fn fail(&mut self, why: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
+        let mut effects = self.disk.fail(why, &self.place.robot, before, rest);
+        let watchers = self.calls.watchers.take();
+        effects.extend(std::mem::take(&mut self.calls.waiting).into_iter().chain(watchers).map(Effect::End));
+        self.alarms.tell(why.to_owned(), &mut effects);
+        effects
+    }
+
+    /// The store was opened again, with this content.
+    pub fn reopen(&mut self, replica: Replica) {
+        self.replica = replica;
+        // The earlier failures of the disk are over; only the present ones are listed.
+        self.alarms.forget(&self.disk.reopen());
+        self.replaced();
+    }
+
+    /// The state was replaced: everything derived from the previous state is dropped.
+    fn replaced(&mut self) {
+        (self.resettled, self.derived.schemas, self.derived.checkpoints) = (true, None, Checkpoints::default());
+    }
+
+    /// Checks that the member `author` may send a message: it speaks for replicas of its own robot only.
+    ///
+    /// # Errors
+    /// The claimed author, and the reason for the refusal, for a user.
+    pub fn check_author(&self, envelope: &Envelope, author: &str) -> Result<(), (String, String)> {
+        author::check(self.replica.members(), envelope, author)
+    }
+
+    /// Returns the transaction that settles a key: one more write, which has seen all of the others.
+    fn settle(&mut self, resolve: &Resolve) -> Result<Commit, Reply> {
+        let past = Past { log: self.replica.log(), state: self.replica.state() };
+        let is_settled =
+            !past.state.is_conflict(&resolve.key) && self.derived.races.race_at(&past, &resolve.key).is_none();
+        if is_settled {
+            return Err(self.readable().settled_already(&resolve.key, &resolve.choice));
+        }
+        self.readable().settle(resolve)
+    }
+
+    /// Begins to watch; returns from where.
+    fn watch(&mut self, call: u64, keys: Keys, from: Option<VersionVector>) -> Result<VersionVector, AsOfError> {
+        let log = self.replica.log();
+        let from = from.unwrap_or_else(|| log.vector().clone());
+        self.calls.watchers.watch(call, keys, from.clone(), log)?;
+        Ok(from)
+    }
+
+    /// Answers with the present values of keys, then with the place where they stand, and begins to watch from there.
+    fn follow(&mut self, call: u64, keys: Keys, effects: &mut Vec<Effect>) {
+        let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
+        let first = match &keys {
+            Keys::Below(prefix) => prefix,
+            Keys::Only(key) => key.as_str(),
+        };
+        if first.starts_with(LOCAL) {
+            say(Reply::Refused(NO_NEWS.to_owned()));
+            return effects.push(Effect::End(call));
+        }
+        match &keys {
+            Keys::Below(prefix) => look::list(self.replica.state(), prefix, &mut say),
+            Keys::Only(key) => {
+                let versions = self.replica.state().versions(key).to_vec();
+                say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key.clone(), versions)] }));
+            }
+        }
+        match self.watch(call, keys, None) {
+            Ok(version) => say(Reply::Version(version)),
+            Err(why) => {
+                say(Reply::Refused(why.to_string()));
+                effects.push(Effect::End(call));
+            }
+        }
+    }
+
     fn receive(&mut self, now: Time, envelope: Envelope, mut asked: Asked, effects: &mut Vec<Effect>) {
-        if self.disk.closed.is_none() {
+        if self.disk.closed().is_none() {
             self.hear(now, &envelope);
             let input = replica::Input::Received(envelope.from, envelope.message, self.wall);
             self.feed(now, input, &mut asked, effects);
@@ -315,7 +412,8 @@ impl Database {
             effects.extend([Effect::AnswerCaller(call, Reply::Refused(why)), Effect::End(call)]);
             return None;
         }
-        if let Some(note) = self.unheard_by(now).filter(|_| !draft.is_local()) {
+        let hears_members = self.heard.values().any(|heard| heard.member);
+        if let Some(note) = self.teams().unheard_by(now, hears_members).filter(|_| !draft.is_local()) {
             effects.push(Effect::AnswerCaller(call, Reply::Note(note)));
         }
         if level != AckLevel::Local {
@@ -326,10 +424,11 @@ impl Database {
 
     /// Returns why a transaction is not even tried, if that is so.
     fn refusal(&mut self, call: u64, draft: &Draft, level: &AckLevel) -> Option<String> {
-        if let Some(why) = &self.disk.closed {
-            return Some(why.clone());
+        if let Some(why) = self.disk.closed() {
+            return Some(why.to_owned());
         }
-        let out_of_reach = || self.out_of_reach(level).filter(|_| !draft.is_local());
+        let out_of_reach =
+            || refuse::out_of_reach(&self.replica, &self.place.robot, level).filter(|_| !draft.is_local());
         if let Some(why) = refuse::namespaces(draft).or_else(out_of_reach) {
             return Some(why);
         }
@@ -340,25 +439,25 @@ impl Database {
     }
 
     fn answer(&mut self, now: Time, call: u64, question: Question, effects: &mut Vec<Effect>) {
-        if self.holds_back(call, &question, effects) {
+        if self.disk.holds_back(call, &question, effects) {
             return;
         }
+        let readable = self.readable();
         let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
         match question {
             Question::Get { key } => {
-                let state = if key.namespace() == Namespace::Local { self.local() } else { self.state() };
-                let versions = state.versions(&key).to_vec();
+                let versions = readable.versions(&key).to_vec();
                 say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key, versions)] }));
             }
-            Question::List { prefix, at } => match self.readable(&prefix, &at) {
+            Question::List { prefix, at } => match readable.readable(&prefix, &at) {
                 Ok(state) => look::list(&state, &prefix, &mut say),
                 Err(why) => say(Reply::Refused(why)),
             },
-            Question::History(filter) => self.history(&filter, &mut say),
-            Question::Conflicts { prefix } => self.conflicts(&prefix, &mut say),
-            Question::Diff { from, to, prefix } => self.diff([&from, &to], &prefix, &mut say),
-            Question::Version(moment) => say(self.version(&moment)),
-            Question::Export { prefix, at } => self.export(&prefix, &at, &mut say),
+            Question::History(filter) => readable.history(&filter, &mut say),
+            Question::Conflicts { prefix } => readable.conflicts(&prefix, &mut say),
+            Question::Diff { from, to, prefix } => readable.diff([&from, &to], &prefix, &mut say),
+            Question::Version(moment) => say(readable.version(&moment)),
+            Question::Export { prefix, at } => readable.export(&prefix, &at, &mut say),
             Question::Watch { keys, from } => match self.watch(call, keys, from) {
                 Ok(version) => return say(Reply::Version(version)),
                 Err(why) => say(Reply::Refused(why.to_string())),
@@ -385,7 +484,7 @@ impl Database {
 
     /// Gives the replica an input, and translates its effects.
     fn feed(&mut self, now: Time, input: replica::Input, asked: &mut Asked, effects: &mut Vec<Effect>) {
-        if self.disk.closed.is_some() {
+        if self.disk.closed().is_some() {
             return;
         }
         let mut done = Vec::new();
@@ -422,16 +521,19 @@ impl Database {
             replica::Effect::Visible(_, frame) => self.visible(&frame),
             replica::Effect::Replaced => {
                 self.replaced();
-                self.calls.watchers.values_mut().for_each(Watch::replaced);
+                self.calls.watchers.replaced();
             }
             replica::Effect::Renamed(..) => {}
             // The status shows it for as long as it lasts; the log shows when it began.
             replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) => {
                 let is_new = self.other_team.hear(now, origin, &robot);
                 let alarm = Alarm::OtherTeam(origin, robot);
-                effects.extend(is_new.then(|| Effect::Alarm(self.words(&alarm))));
+                let words = || alarms::words(&alarm, self.replica.members(), &self.place.team);
+                effects.extend(is_new.then(|| Effect::Alarm(words())));
             }
-            replica::Effect::Alarm(alarm) => self.take_alarm(&alarm, effects),
+            replica::Effect::Alarm(alarm) => {
+                self.alarms.take(&alarm, self.replica.members(), &self.place.team, effects);
+            }
         }
     }
 

@@ -5,10 +5,11 @@
 //! something in an earlier turn hears nothing further: a commit stays committed, and a watcher continues from its
 //! position.
 
+use super::Effect;
 use super::question::{AsOf, Question, Reply};
-use super::{Checkpoints, Database, Effect};
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::State;
+use std::collections::BTreeSet;
 
 /// The state on the disk, while the state in memory is ahead of it.
 #[derive(Clone, Debug)]
@@ -17,62 +18,59 @@ pub struct Durable {
     local: State,
 }
 
-impl Database {
+/// The state of the disk.
+#[derive(Debug, Default)]
+pub(super) struct Disk {
+    /// Why the database does not write.
+    closed: Option<String>,
+    /// The durable state, while the disk does not write.
+    durable: Option<Durable>,
+    /// The errors since the last write.
+    failures: BTreeSet<String>,
+}
+
+impl Disk {
+    /// Takes note that the disk of a robot has not taken a turn; `before` is the state before the turn. Returns the remaining effects:
+    /// `rest`, the effects planned after the write, without those that have not happened.
+    pub(super) fn fail(&mut self, why: &str, robot: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
+        self.failures.insert(why.to_owned());
+        self.closed = Some(format!("the database of `{robot}` takes no writes at the moment: {why}"));
+        self.durable.get_or_insert(before);
+        rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect()
+    }
+
+    /// Takes note that the disk writes again. Returns the failures that are over.
+    pub(super) fn reopen(&mut self) -> BTreeSet<String> {
+        (self.closed, self.durable) = (None, None);
+        std::mem::take(&mut self.failures)
+    }
+
+    /// Returns the readable state.
+    pub(super) fn state<'a>(&'a self, replica: &'a Replica) -> &'a State {
+        self.durable.as_ref().map_or_else(|| replica.state(), |durable| &durable.state)
+    }
+
+    /// Returns the readable state below `local/`.
+    pub(super) fn local<'a>(&'a self, replica: &'a Replica) -> &'a State {
+        self.durable.as_ref().map_or_else(|| replica.local(), |durable| &durable.local)
+    }
+
     /// Returns the readable state before a turn that may fail to reach the disk. The maps are shared, so this costs
     /// nothing.
-    pub fn durable(&self) -> Durable {
-        Durable { state: self.state().clone(), local: self.local().clone() }
-    }
-
-    /// Takes note that the disk has not taken a turn. Returns the remaining effects: `rest`, the effects planned after
-    /// the write, without those that have not happened. From now on only questions are answered, from `before`, the
-    /// state before the turn.
-    pub fn fail(&mut self, why: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
-        let mut effects: Vec<Effect> = rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect();
-        let watchers = std::mem::take(&mut self.calls.watchers).into_keys();
-        effects.extend(std::mem::take(&mut self.calls.waiting).into_iter().chain(watchers).map(Effect::End));
-        self.alarm(why.to_owned(), &mut effects);
-        self.disk.failures.insert(why.to_owned());
-        self.disk.closed = Some(format!("the database of `{}` takes no writes at the moment: {why}", self.place.robot));
-        self.disk.durable.get_or_insert(before);
-        effects
-    }
-
-    /// The store was opened again, with this content.
-    pub fn reopen(&mut self, replica: Replica) {
-        self.replica = replica;
-        (self.disk.closed, self.disk.durable) = (None, None);
-        // The earlier failures of the disk are over; only the present ones are listed.
-        let failures = std::mem::take(&mut self.disk.failures);
-        self.alarms.retain(|alarm| !failures.contains(alarm));
-        self.replaced();
-    }
-
-    /// The state was replaced: everything derived from the previous state is dropped.
-    pub(super) fn replaced(&mut self) {
-        (self.resettled, self.derived.schemas, self.derived.checkpoints) = (true, None, Checkpoints::default());
-    }
-
-    /// Returns the readable state: nothing that may not be on the disk.
-    pub fn state(&self) -> &State {
-        self.disk.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.state)
-    }
-
-    /// Returns the readable state below `local/`: nothing that may not be on the disk.
-    pub(super) fn local(&self) -> &State {
-        self.disk.durable.as_ref().map_or_else(|| self.replica.local(), |durable| &durable.local)
+    pub(super) fn durable(&self, replica: &Replica) -> Durable {
+        Durable { state: self.state(replica).clone(), local: self.local(replica).clone() }
     }
 
     /// Returns why the database does not write, if that is so.
-    pub fn closed(&self) -> Option<&str> {
-        self.disk.closed.as_deref()
+    pub(super) fn closed(&self) -> Option<&str> {
+        self.closed.as_deref()
     }
 
     /// Closes a call whose answer would name transactions that may not be on the disk; returns whether it was such a
     /// call. A watcher that continues from a position gets no answer, and asks again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
         let asks = matches!(question, Question::Watch { .. } | Question::Follow { .. } | Question::Version(AsOf::Now));
-        let Some(why) = self.disk.closed.as_ref().filter(|_| asks) else { return false };
+        let Some(why) = self.closed.as_ref().filter(|_| asks) else { return false };
         if !matches!(question, Question::Watch { from: Some(_), .. }) {
             effects.push(Effect::AnswerCaller(call, Reply::Refused(why.clone())));
         }

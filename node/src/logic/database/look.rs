@@ -2,9 +2,10 @@
 
 use super::question::{AsOf, Choice, Commit, Reply, Resolve};
 use super::refuse::LOCAL;
-use super::{Database, REPLY_SIZE_MAX};
+use super::{Checkpoints, REPLY_SIZE_MAX};
 use crate::logic::table::counted;
-use dbmanager::logic::key::Key;
+use dbmanager::logic::key::{Key, Namespace};
+use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::{CausalContext, State, Version};
 use dbmanager::logic::txn::{Value, Write};
 use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
@@ -14,16 +15,33 @@ use dbmanager::logic::view::past::{Filter, Past};
 use dbmanager::logic::view::transfer;
 use serde::Serialize;
 
-impl Database {
-    pub(super) fn past(&self) -> Past<'_> {
-        Past { log: self.replica.log(), state: self.state() }
+/// The readable content of the database of a robot: nothing that may not be on the disk.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Readable<'a> {
+    pub(super) replica: &'a Replica,
+    pub(super) state: &'a State,
+    /// The state below `local/`.
+    pub(super) local: &'a State,
+    /// States from which the states at earlier moments are computed.
+    pub(super) checkpoints: &'a Checkpoints,
+    pub(super) robot: &'a str,
+}
+
+impl<'a> Readable<'a> {
+    pub(super) fn past(&self) -> Past<'a> {
+        Past { log: self.replica.log(), state: self.state }
+    }
+
+    /// Returns the versions of a key.
+    pub(super) fn versions(&self, key: &Key) -> &'a [Version] {
+        if key.namespace() == Namespace::Local { self.local.versions(key) } else { self.state.versions(key) }
     }
 
     /// Returns the authors of changes to the keys asked for, as far as they are kept here. A replica that has joined
     /// begins with a state, and a long log is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
         if let Some(gone) = self.forgotten() {
-            say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.place.robot)));
+            say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.robot)));
         }
         parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
@@ -40,7 +58,7 @@ impl Database {
         if let Some(gone) = self.forgotten() {
             say(Reply::Note(format!(
                 "{gone} not kept on `{}`: races among them are listed where they are",
-                self.place.robot
+                self.robot
             )));
         }
         let (mut conflicts, mut races) = (parts(past.conflicts(prefix)), parts(past.races(prefix)).into_iter());
@@ -65,15 +83,15 @@ impl Database {
     pub(super) fn at(&self, moment: &AsOf, prefix: &str) -> Result<State, AsOfError> {
         let past = self.past();
         match moment {
-            AsOf::Now => Ok(self.state().clone()),
-            AsOf::Version(version) => past.at(version, self.derived.checkpoints.before(version)),
+            AsOf::Now => Ok(self.state.clone()),
+            AsOf::Version(version) => past.at(version, self.checkpoints.before(version)),
             AsOf::Date(millis) => {
-                let version = past.vector_at(*millis, prefix, self.derived.checkpoints.oldest())?;
-                past.at(&version, self.derived.checkpoints.before(&version))
+                let version = past.vector_at(*millis, prefix, self.checkpoints.oldest())?;
+                past.at(&version, self.checkpoints.before(&version))
             }
             AsOf::On(robot) => {
                 let version = self.known_on(robot)?;
-                past.at(&version, self.derived.checkpoints.before(&version))
+                past.at(&version, self.checkpoints.before(&version))
             }
         }
     }
@@ -100,7 +118,7 @@ impl Database {
         let version: Result<VersionVector, AsOfError> = match moment {
             AsOf::Now => Ok(self.replica.log().vector().clone()),
             AsOf::Version(version) => Ok(version.clone()),
-            AsOf::Date(millis) => self.past().vector_at(*millis, "", self.derived.checkpoints.oldest()),
+            AsOf::Date(millis) => self.past().vector_at(*millis, "", self.checkpoints.oldest()),
             AsOf::On(robot) => self.known_on(robot),
         };
         version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
@@ -121,8 +139,8 @@ impl Database {
 
     /// Returns the state together with the local keys.
     fn everything(&self) -> State {
-        let (mut all, none) = (self.state().clone(), VersionVector::default());
-        for (key, versions) in self.local().scan("") {
+        let (mut all, none) = (self.state.clone(), VersionVector::default());
+        for (key, versions) in self.local.scan("") {
             for Version { dot, stamp, value } in versions {
                 let write = Write { key: key.clone(), value: value.clone() };
                 all.apply(*dot, *stamp, CausalContext { context: &none, only: None }, &[write]);
@@ -151,7 +169,7 @@ impl Database {
 
     /// Returns the reply for a key without a conflict: the key has the chosen value already, or it has another one and
     /// nothing was written.
-    fn settled_already(&self, key: &Key, choice: &Choice) -> Reply {
+    pub(super) fn settled_already(&self, key: &Key, choice: &Choice) -> Reply {
         let versions = self.replica.state().versions(key);
         let is_so = match choice {
             Choice::Shown => !versions.is_empty(),
@@ -171,13 +189,9 @@ impl Database {
         ))
     }
 
-    /// Returns the transaction that settles a key: one more write, which has seen all of the others.
-    pub(super) fn settle(&mut self, resolve: &Resolve) -> Result<Commit, Reply> {
+    /// Returns the transaction that settles a key with a conflict: one more write, which has seen all of the others.
+    pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, level, within, seen } = resolve;
-        let past = Past { log: self.replica.log(), state: self.replica.state() };
-        if !past.state.is_conflict(key) && self.derived.races.race_at(&past, key).is_none() {
-            return Err(self.settled_already(key, choice));
-        }
         let versions = self.replica.state().versions(key);
         if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {
             let what =

@@ -9,8 +9,8 @@ use dbmanager::logic::version_vector::ReplicaId;
 impl Database {
     /// Does what an operator wants.
     pub(super) fn operate(&mut self, now: Time, question: Question, effects: &mut Vec<Effect>) -> Reply {
-        if let Some(why) = &self.disk.closed {
-            return Reply::Refused(why.clone());
+        if let Some(why) = self.disk.closed() {
+            return Reply::Refused(why.to_owned());
         }
         let wall = self.wall;
         if let Question::Retire { member } = question {
@@ -35,13 +35,13 @@ impl Database {
             return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
         }
         if let Question::Join { robot } = question {
-            if self.is_giving_way_to(now, &robot) {
+            if self.teams().gives_way_to(now, &robot) {
                 return Reply::Done(format!("`{}` gives way to the team of `{robot}` by itself", self.place.robot));
             }
             if self.replica.is_member() && self.replica.members().active().any(|(_, member)| member == robot) {
                 return Reply::Done(format!("`{}` and `{robot}` belong to one team already", self.place.robot));
             }
-            return match self.replica_of_other_team(now, &robot) {
+            return match self.teams().replica_of(now, &robot) {
                 Ok(peer) => {
                     self.feed(now, replica::Input::Join(peer, wall), &mut None, effects);
                     Reply::Done(format!("`{}` asks `{robot}` to be admitted", self.place.robot))

@@ -4,9 +4,10 @@
 //! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). Of two teams with several members an
 //! operator decides which stays; until then every member of both says so.
 
+use super::Place;
 use super::status::HEARD_WITHIN;
-use super::{Database, Place};
 use comms::logic::time::Time;
+use dbmanager::logic::replica::Replica;
 use dbmanager::logic::version_vector::ReplicaId;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -42,14 +43,22 @@ impl OtherTeam {
     }
 }
 
-impl Database {
+/// The team of this robot, and another one of its name.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Teams<'a> {
+    pub(super) place: &'a Place,
+    pub(super) replica: &'a Replica,
+    pub(super) other: &'a OtherTeam,
+}
+
+impl Teams<'_> {
     /// Returns which robots do not get the writes made here although users might expect it, and where to read about it.
-    pub(super) fn unheard_by(&self, now: Time) -> Option<String> {
-        let Place { robot, team, .. } = &self.place;
+    /// `hears_members` tells whether a member of a team is heard.
+    pub(super) fn unheard_by(&self, now: Time, hears_members: bool) -> Option<String> {
+        let Place { robot, team, .. } = self.place;
         if !self.replica.is_member() {
-            let is_alone = !self.heard.values().any(|heard| heard.member);
             let note = "belongs to no team yet, so this stays on it until it joins one; `dca db status` says how";
-            return is_alone.then(|| format!("`{robot}` {note}"));
+            return (!hears_members).then(|| format!("`{robot}` {note}"));
         }
         let others = self.others(now);
         (!others.is_empty()).then(|| {
@@ -63,21 +72,21 @@ impl Database {
     /// Returns the robots that are there and belong to another team of this name.
     pub(super) fn others(&self, now: Time) -> Vec<String> {
         let members = self.replica.members();
-        self.other_team.robots(now, |robot| members.active().any(|(_, member)| member == robot))
+        self.other.robots(now, |robot| members.active().any(|(_, member)| member == robot))
     }
 
     /// Returns whether this robot has left its team, as one that is alone in it does, and the team of `robot` is there.
-    pub(super) fn is_giving_way_to(&self, now: Time, robot: &str) -> bool {
-        !self.replica.is_member() && self.other_team.replica(now, robot).is_some()
+    pub(super) fn gives_way_to(&self, now: Time, robot: &str) -> bool {
+        !self.replica.is_member() && self.other.replica(now, robot).is_some()
     }
 
     /// Returns the replica of another team that a robot has.
-    pub(super) fn replica_of_other_team(&self, now: Time, robot: &str) -> Result<ReplicaId, String> {
-        let Place { robot: own, team, .. } = &self.place;
+    pub(super) fn replica_of(&self, now: Time, robot: &str) -> Result<ReplicaId, String> {
+        let Place { robot: own, team, .. } = self.place;
         if !self.replica.is_member() {
             return Err(format!("`{own}` belongs to no team; it joins `{team}` by itself when it hears a member"));
         }
-        self.other_team.replica(now, robot).ok_or_else(|| {
+        self.other.replica(now, robot).ok_or_else(|| {
             format!("`{own}` has not heard of late that `{robot}` belongs to another team `{team}`; `dca db status` lists those")
         })
     }

@@ -1,10 +1,10 @@
 //! Refuses some requests at once, each with one sentence: an unreachable level, an invalid key, a key in no namespace,
 //! and local keys for a caller on another machine.
 
-use super::Database;
 use super::question::{AckLevel, AsOf, Commit, Question, Reply};
 use crate::logic::table::counted;
 use dbmanager::logic::key::{Key, Namespace};
+use dbmanager::logic::replica::Replica;
 use dbmanager::logic::txn::{Draft, TxnError};
 use std::collections::BTreeSet;
 
@@ -13,32 +13,27 @@ pub(super) const LOCAL: &str = "local/";
 /// The refusal of local keys for a caller on another machine.
 const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
 
-impl Database {
-    /// Returns why a transaction cannot reach the level asked for, if a replica that it would have to reach is not
-    /// there.
-    pub(super) fn out_of_reach(&self, level: &AckLevel) -> Option<String> {
-        let members = self.replica.members().active().map(|(_, robot)| robot);
-        let others: BTreeSet<&str> = members.filter(|robot| *robot != self.place.robot).collect();
-        match level {
-            AckLevel::Local | AckLevel::Everywhere => None,
-            AckLevel::On(_) | AckLevel::Replicated(_) if !self.replica.is_member() => {
-                let me = &self.place.robot;
-                Some(format!(
-                    "nothing was written: `{me}` belongs to no team yet, so it cannot get to others; `dca db status` says how"
-                ))
-            }
-            AckLevel::On(robots) => {
-                let known = |robot: &&String| **robot == self.place.robot || others.contains(robot.as_str());
-                let unknown = robots.iter().find(|robot| !known(robot))?;
-                Some(format!("nothing was written: the database has no member `{unknown}`; `dca db status` lists them"))
-            }
-            AckLevel::Replicated(count) => {
-                let there = u64::try_from(others.len()).unwrap_or(u64::MAX);
-                (u64::from(*count) > there).then(|| {
-                    let (me, robots) = (&self.place.robot, counted(there, "robot"));
-                    format!("nothing was written: the team has {robots} besides `{me}`, so it cannot get to {count}")
-                })
-            }
+/// Returns why a transaction cannot reach the level asked for, if a replica that it would have to reach is not
+/// there.
+pub(super) fn out_of_reach(replica: &Replica, own: &str, level: &AckLevel) -> Option<String> {
+    let members = replica.members().active().map(|(_, robot)| robot);
+    let others: BTreeSet<&str> = members.filter(|robot| *robot != own).collect();
+    match level {
+        AckLevel::Local | AckLevel::Everywhere => None,
+        AckLevel::On(_) | AckLevel::Replicated(_) if !replica.is_member() => Some(format!(
+            "nothing was written: `{own}` belongs to no team yet, so it cannot get to others; `dca db status` says how"
+        )),
+        AckLevel::On(robots) => {
+            let known = |robot: &&String| *robot == own || others.contains(robot.as_str());
+            let unknown = robots.iter().find(|robot| !known(robot))?;
+            Some(format!("nothing was written: the database has no member `{unknown}`; `dca db status` lists them"))
+        }
+        AckLevel::Replicated(count) => {
+            let there = u64::try_from(others.len()).unwrap_or(u64::MAX);
+            (u64::from(*count) > there).then(|| {
+                let robots = counted(there, "robot");
+                format!("nothing was written: the team has {robots} besides `{own}`, so it cannot get to {count}")
+            })
         }
     }
 }

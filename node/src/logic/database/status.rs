@@ -17,7 +17,7 @@ impl Database {
     pub(super) fn status(&mut self, now: Time) -> Status {
         let past = Past { log: self.replica.log(), state: self.replica.state() };
         let races = self.derived.races.of(&past);
-        let (state, log, stable) = (self.state(), self.replica.log(), self.replica.stable());
+        let (state, log, stable) = (self.readable().state, self.replica.log(), self.replica.stable());
         let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let past = Past { log, state };
         let (version, mine) = (log.vector(), self.replica.origin());
@@ -42,7 +42,7 @@ impl Database {
             team: self.place.team.clone(),
             member: self.replica.is_member(),
             store: StoreStatus {
-                closed: self.disk.closed.clone(),
+                closed: self.disk.closed().map(str::to_owned),
                 place: self.place.store.clone(),
                 log_len: count(log.len()),
                 log_size: count(log.size()),
@@ -57,8 +57,8 @@ impl Database {
             },
             clock: quality(self.wall.quality).to_owned(),
             members,
-            alarms: self.alarms.iter().cloned().collect(),
-            other_team: self.others(now),
+            alarms: self.alarms.list(),
+            other_team: self.teams().others(now),
         }
     }
 }

@@ -1,75 +1,65 @@
 //! The watchers of a database. Each gets every change once, and a slow watcher does not delay the others.
 
-use super::look;
+use super::Effect;
 use super::question::Reply;
-use super::refuse::LOCAL;
-use super::{Database, Effect};
+use dbmanager::logic::log::Log;
 use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::as_of::AsOfError;
 use dbmanager::logic::view::past::{Keys, Past};
 use dbmanager::logic::view::watch::Watch;
+use std::collections::BTreeMap;
 
 /// How many watchers there may be at a time. The oldest watcher gives way: it can continue from its position, and a
 /// command that was killed does not sign off.
 const WATCHERS_MAX: usize = 256;
-/// The refusal of a watcher of local keys.
-const NO_NEWS: &str = "what is below `local/` can be read and written, not watched";
 /// How much one watcher is told in one turn.
 const ROOM: usize = 64;
 
-impl Database {
-    /// Begins to watch; returns from where.
-    pub(super) fn watch(
-        &mut self,
-        call: u64,
-        keys: Keys,
-        from: Option<VersionVector>,
-    ) -> Result<VersionVector, AsOfError> {
-        let log = self.replica.log();
-        let from = from.unwrap_or_else(|| log.vector().clone());
-        let watch = Watch::new(keys, from.clone(), log)?;
-        self.calls.watchers.insert(call, watch);
-        Ok(from)
+/// The watchers, by number of the call.
+#[derive(Debug, Default)]
+pub(super) struct Watchers {
+    all: BTreeMap<u64, Watch>,
+    /// Whether there may be more for a watcher.
+    has_more: bool,
+}
+
+impl Watchers {
+    /// Begins to watch from a position.
+    pub(super) fn watch(&mut self, call: u64, keys: Keys, from: VersionVector, log: &Log) -> Result<(), AsOfError> {
+        self.all.insert(call, Watch::new(keys, from, log)?);
+        Ok(())
     }
 
-    /// Answers with the present values of keys, then with the place where they stand, and begins to watch from there.
-    pub(super) fn follow(&mut self, call: u64, keys: Keys, effects: &mut Vec<Effect>) {
-        let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
-        let first = match &keys {
-            Keys::Below(prefix) => prefix,
-            Keys::Only(key) => key.as_str(),
-        };
-        if first.starts_with(LOCAL) {
-            say(Reply::Refused(NO_NEWS.to_owned()));
-            return effects.push(Effect::End(call));
-        }
-        match &keys {
-            Keys::Below(prefix) => look::list(self.replica.state(), prefix, &mut say),
-            Keys::Only(key) => {
-                let versions = self.replica.state().versions(key).to_vec();
-                say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key.clone(), versions)] }));
-            }
-        }
-        match self.watch(call, keys, None) {
-            Ok(version) => say(Reply::Version(version)),
-            Err(why) => {
-                say(Reply::Refused(why.to_string()));
-                effects.push(Effect::End(call));
-            }
-        }
+    /// Forgets a watcher that takes no more answers.
+    pub(super) fn forget(&mut self, call: u64) {
+        self.all.remove(&call);
+    }
+
+    /// Takes all watchers, because the disk has failed.
+    pub(super) fn take(&mut self) -> impl Iterator<Item = u64> + use<> {
+        std::mem::take(&mut self.all).into_keys()
+    }
+
+    /// Takes note that the state was replaced by another one.
+    pub(super) fn replaced(&mut self) {
+        self.all.values_mut().for_each(Watch::replaced);
+    }
+
+    /// Returns whether there may be more for a watcher.
+    pub(super) const fn has_more(&self) -> bool {
+        self.has_more
     }
 
     /// Gives each watcher its next changes.
-    pub(super) fn tell_watchers(&mut self, effects: &mut Vec<Effect>) {
-        while self.calls.watchers.len() > WATCHERS_MAX {
-            let oldest = self.calls.watchers.pop_first();
+    pub(super) fn tell(&mut self, past: &Past<'_>, effects: &mut Vec<Effect>) {
+        while self.all.len() > WATCHERS_MAX {
+            let oldest = self.all.pop_first();
             effects.extend(oldest.map(|(call, _)| Effect::End(call)));
         }
-        let past = Past { log: self.replica.log(), state: self.replica.state() };
-        self.calls.more = false;
-        for (call, watch) in &mut self.calls.watchers {
-            let news = watch.next(&past, ROOM);
-            self.calls.more |= news.more;
+        self.has_more = false;
+        for (call, watch) in &mut self.all {
+            let news = watch.next(past, ROOM);
+            self.has_more |= news.more;
             effects.extend(news.list.into_iter().map(|told| Effect::AnswerCaller(*call, Reply::Notification(told))));
         }
     }
