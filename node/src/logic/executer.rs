@@ -39,8 +39,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
 use succession::acting;
-use supervision::Supervised;
 pub use supervision::wants_restarts;
+use supervision::{Supervised, Verdict};
 pub use switching::Counted;
 use switching::Switches;
 use wires::Wires;
@@ -157,7 +157,7 @@ impl Executer {
         self.renew_actions(context.plan);
         self.clock.start(self.program.automaton().is_some());
         self.members.forget_failures();
-        self.forget_restarts();
+        self.supervised = Supervised::default();
         self.react(Event::Start(Value::new(value)), context, out)
     }
 
@@ -231,6 +231,30 @@ impl Executer {
         self.react(event, context, out)
     }
 
+    /// Takes note that the program of a member has died and is started again. Returns how the group ended, if it did.
+    pub fn member_restarted(
+        &mut self,
+        slot: u32,
+        cause: &FailureCause,
+        context: ExecContext<'_>,
+        out: &mut Out<'_>,
+    ) -> Option<Ending> {
+        let group = context.plan.groups.get(self.group as usize).filter(|_| self.run.is_on)?;
+        if context.plan.ports_of(self.group).is_some_and(|(ports, _)| ports == slot) {
+            return None;
+        }
+        let origin = member_path(context.plan, group, slot).unwrap_or_default();
+        match self.supervised.restarted(group.supervision.intensity, cause, out.now) {
+            Verdict::Bears => supervision::renew_others(self.group, slot, &origin, context, out),
+            Verdict::Escalates(cause) => {
+                self.supervised.give_up(Failure { origin, cause, at: context.since_go });
+                return self.react(Event::Stop, context, out);
+            }
+            Verdict::IsStopping => {}
+        }
+        None
+    }
+
     /// Lets time pass. Returns how the group ended, if it did.
     pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(context, out);
@@ -302,7 +326,7 @@ impl Executer {
             Outcome::Aborted(reason) => Ending::Aborted(self.failure(&reason, context)),
             Outcome::Stopped => Ending::Stopped,
         };
-        self.escalate(ending)
+        self.supervised.escalate(ending)
     }
 
     /// Has its steps recorded, for a later comparison with the spec: several at once, since nothing waits for them.

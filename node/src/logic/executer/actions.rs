@@ -48,7 +48,7 @@ impl Executer {
             Some(Err(_)) => {
                 let why = "a change of its event actions could not be taken back any more".to_owned();
                 let (origin, at) = (group.path.clone(), context.since_go);
-                self.give_up(Failure { origin, cause: FailureCause::Failed(why), at });
+                self.supervised.give_up(Failure { origin, cause: FailureCause::Failed(why), at });
                 self.react(Event::Stop, context, out)
             }
         }

@@ -5,12 +5,11 @@
 //! the dead one. A group allows a limited number of restarts within a time. When the limit is exceeded, the group stops
 //! everything and has aborted, and the group above decides.
 
-use super::{ExecContext, Executer, member_path};
+use super::{ExecContext, leaf_host};
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Ending, Failure, FailureCause, ToParticipant};
 use comms::logic::time::Time;
-use language::algebra::Event;
-use language::plan::{MemberKind, Plan, Strategy, Supervision};
+use language::plan::{Intensity, MemberKind, Plan, Strategy, Supervision};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -23,67 +22,58 @@ pub(super) struct Supervised {
     escalated: Option<Failure>,
 }
 
-impl Executer {
-    /// Takes note that the program of a member has died and is started again. Returns how the group ended, if it did.
-    pub fn member_restarted(
-        &mut self,
-        slot: u32,
-        cause: &FailureCause,
-        context: ExecContext<'_>,
-        out: &mut Out<'_>,
-    ) -> Option<Ending> {
-        let group = context.plan.groups.get(self.group as usize).filter(|_| self.run.is_on)?;
-        if context.plan.ports_of(self.group).is_some_and(|(ports, _)| ports == slot) {
-            return None;
-        }
-        if self.supervised.escalated.is_some() {
-            return None;
-        }
-        if let Some(intensity) = group.supervision.intensity {
-            let recent = &mut self.supervised.recent;
-            recent.push_back(out.now);
-            while recent.front().is_some_and(|at| out.now.since(*at) >= intensity.within) {
-                recent.pop_front();
-            }
-            if recent.len() > intensity.restarts as usize {
-                let (restarts, within) = (intensity.restarts, intensity.within);
-                let cause = FailureCause::Intensity { last: cause.to_string(), restarts, within };
-                let origin = member_path(context.plan, group, slot).unwrap_or_default();
-                self.supervised.escalated = Some(Failure { origin, cause, at: context.since_go });
-                return self.react(Event::Stop, context, out);
-            }
-        }
-        let origin = member_path(context.plan, group, slot).unwrap_or_default();
-        let mut leaves = BTreeMap::<&str, Vec<u32>>::new();
-        for leaf in leaves_with(context.plan, self.group, slot) {
-            let host =
-                context.plan.leaves.get(leaf as usize).and_then(|leaf| context.plan.hosts.get(leaf.host as usize));
-            host.into_iter().for_each(|host| leaves.entry(host).or_default().push(leaf));
-        }
-        for (host, leaves) in leaves {
-            let message = ToParticipant::Renew { leaves, with: origin.clone() };
-            out.send(host, context.deployment.to_participant(message));
-        }
-        None
-    }
+/// The reaction of a group to a restart.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// It bears the restart.
+    Bears,
+    /// It stops everything, and aborts with this cause.
+    Escalates(FailureCause),
+    /// It stops already.
+    IsStopping,
+}
 
-    /// Forgets the restarts of an earlier activation.
-    pub(super) fn forget_restarts(&mut self) {
-        self.supervised = Supervised::default();
+impl Supervised {
+    /// Takes note that the program of a member has died of a cause and is started again.
+    pub(super) fn restarted(&mut self, intensity: Option<Intensity>, cause: &FailureCause, now: Time) -> Verdict {
+        if self.escalated.is_some() {
+            return Verdict::IsStopping;
+        }
+        let Some(Intensity { restarts, within }) = intensity else { return Verdict::Bears };
+        self.recent.push_back(now);
+        while self.recent.front().is_some_and(|at| now.since(*at) >= within) {
+            self.recent.pop_front();
+        }
+        if self.recent.len() <= restarts as usize {
+            return Verdict::Bears;
+        }
+        Verdict::Escalates(FailureCause::Intensity { last: cause.to_string(), restarts, within })
     }
 
     /// The group aborts with this once it has stopped.
     pub(super) fn give_up(&mut self, why: Failure) {
-        self.supervised.escalated.get_or_insert(why);
+        self.escalated.get_or_insert(why);
     }
 
     /// Returns how the group ended: a restart too many is its failure, unless something could not be stopped.
     pub(super) fn escalate(&mut self, ending: Ending) -> Ending {
-        match (self.supervised.escalated.take(), ending) {
+        match (self.escalated.take(), ending) {
             (Some(_), Ending::Aborted(failure)) if failure.cause.is_unconfirmed_stop() => Ending::Aborted(failure),
             (Some(failure), _) => Ending::Aborted(failure),
             (None, ending) => ending,
         }
+    }
+}
+
+/// Restarts the programs that are restarted together with a member of a group; `with` is the path of the member.
+pub(super) fn renew_others(group: u32, slot: u32, with: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
+    let mut leaves = BTreeMap::<&str, Vec<u32>>::new();
+    for leaf in leaves_with(context.plan, group, slot) {
+        leaf_host(context.plan, leaf).into_iter().for_each(|host| leaves.entry(host).or_default().push(leaf));
+    }
+    for (host, leaves) in leaves {
+        let message = ToParticipant::Renew { leaves, with: with.to_owned() };
+        out.send(host, context.deployment.to_participant(message));
     }
 }
 
@@ -115,4 +105,27 @@ fn leaves_with(plan: &Plan, group: u32, slot: u32) -> BTreeSet<u32> {
         }
     }
     leaves
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    /// Only recent restarts count. The restart that exceeds the limit ends the group, once.
+    #[test]
+    fn a_group_bears_so_many_restarts_within_a_time() {
+        let at = |seconds: u64| Time::from_nanos(seconds * 1_000_000_000);
+        let intensity = Intensity { restarts: 2, within: Duration::from_secs(10) };
+        let (mut supervised, cause) = (Supervised::default(), FailureCause::Exit(1));
+        let restart = |supervised: &mut Supervised, second| supervised.restarted(Some(intensity), &cause, at(second));
+        assert_eq!([0, 9, 10, 19].map(|second| restart(&mut supervised, second)), [const { Verdict::Bears }; 4]);
+        let Verdict::Escalates(cause) = restart(&mut supervised, 19) else { panic!("{supervised:?}") };
+        let failure = Failure { origin: "main/a".into(), cause, at: Duration::ZERO };
+        supervised.give_up(failure.clone());
+        assert_eq!(restart(&mut supervised, 20), Verdict::IsStopping);
+        assert_eq!(supervised.escalate(Ending::Stopped), Ending::Aborted(failure));
+        assert_eq!(supervised.escalate(Ending::Stopped), Ending::Stopped);
+        assert_eq!(supervised.restarted(None, &FailureCause::Exit(1), at(21)), Verdict::Bears);
+    }
 }

@@ -53,7 +53,7 @@ const SPREAD: [(&str, usize); 18] = [
     ("language: Simulation", 5),
     ("language: Walk", 7),
     ("node: Driver", 10),
-    ("node: Executer", 7),
+    ("node: Executer", 6),
     ("team: Member", 5),
     ("verify: System", 7),
     ("verify: Times", 4),
