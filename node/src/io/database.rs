@@ -11,6 +11,7 @@
 
 mod notary;
 mod presence;
+mod receivers;
 mod store;
 mod wire;
 
@@ -30,7 +31,7 @@ use dbmanager::io::store::Engine;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::version_vector::ReplicaId;
-use std::collections::BTreeMap;
+use receivers::Receivers;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
@@ -108,13 +109,7 @@ struct Worker {
     place: Place,
     arrivals: Groups<Arrival>,
     outgoing: Sender<Outgoing>,
-    /// Where answers go, by number of the call.
-    sinks: BTreeMap<u64, Caller>,
-    /// Questions of other replicas that are not answered yet.
-    asked: BTreeMap<u64, Box<Request>>,
-    asked_next: u64,
-    /// Calls without a receiver for their answers.
-    gone: Vec<u64>,
+    receivers: Receivers,
     reopen_at: Time,
     check_at: Time,
     /// The last reported reason why the store could not be opened.
@@ -142,7 +137,6 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Databa
     if options.founds {
         handle.call(0, Question::Found, None);
     }
-    let (sinks, asked) = (BTreeMap::new(), BTreeMap::new());
     let (settings, shown) = watch::channel(Settings::default());
     let (reopen_at, check_at) = (clock::now() + REOPEN_AFTER, clock::now() + CHECK_EVERY);
     let mut worker = Worker {
@@ -151,10 +145,7 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Databa
         place,
         arrivals,
         outgoing,
-        sinks,
-        asked,
-        asked_next: 0,
-        gone: Vec::new(),
+        receivers: Receivers::default(),
         reopen_at,
         check_at,
         told: unwritable,
@@ -266,15 +257,15 @@ impl Worker {
 
     /// Makes arrivals inputs, and keeps the channels they bring; nothing when the thread is to end.
     fn inputs(&mut self, arrivals: Vec<Arrival>) -> Option<Vec<Input>> {
-        let mut inputs: Vec<Input> = self.gone.drain(..).map(Input::Gone).collect();
+        let mut inputs: Vec<Input> = self.receivers.take_gone().into_iter().map(Input::Gone).collect();
         for arrival in arrivals {
             inputs.push(match arrival {
                 Arrival::Call(call, question, sink) => {
-                    self.sinks.extend(sink.map(|sink| (call, sink)));
+                    sink.into_iter().for_each(|caller| self.receivers.call(call, caller));
                     Input::Call(call, question)
                 }
                 Arrival::Elsewhere(call, question, caller) => {
-                    self.sinks.insert(call, caller);
+                    self.receivers.call(call, caller);
                     Input::Elsewhere(call, question)
                 }
                 Arrival::Envelope(envelope, author) if self.is_from(&envelope, &author) => Input::Envelope(envelope),
@@ -284,9 +275,7 @@ impl Worker {
                         request.refuse("it is not from whom it says");
                         continue;
                     }
-                    self.asked_next += 1;
-                    self.asked.insert(self.asked_next, request);
-                    Input::Asked(self.asked_next, envelope)
+                    Input::Asked(self.receivers.ask(request), envelope)
                 }
                 Arrival::Appeared => Input::Appeared,
                 Arrival::Leave => return None,
@@ -323,20 +312,13 @@ impl Worker {
             Effect::Tell(to, envelope) => self.put(Some(to), &envelope),
             Effect::Ask(to, envelope, within) => self.encoded(&envelope, |bytes| Outgoing::Ask(to, bytes, within)),
             Effect::ReplyToPeer(asked, envelope) => {
-                let request = self.asked.remove(&asked);
+                let request = self.receivers.reply(asked);
                 if let (Some(request), Some(envelope)) = (request, envelope) {
                     self.encoded(&envelope, |bytes| Outgoing::Reply(request, bytes));
                 }
             }
-            Effect::AnswerCaller(call, reply) => {
-                if let Some(caller) = self.sinks.get(&call)
-                    && !caller.offer(Answer::Database(reply))
-                {
-                    self.sinks.remove(&call);
-                    self.gone.push(call);
-                }
-            }
-            Effect::End(call) => self.sinks.remove(&call).into_iter().for_each(Caller::end),
+            Effect::AnswerCaller(call, reply) => self.receivers.answer(call, Answer::Database(reply)),
+            Effect::End(call) => self.receivers.end(call),
             Effect::Alarm(words) => tracing::warn!("{words}"),
             Effect::Refused { from, why } => {
                 let what = format!("pass on to the database, as `{from}`");
