@@ -1,14 +1,16 @@
 //! Follows a mission from the request to its end, with its progress, record, report and summary.
 
 mod hearing;
+mod home;
 mod record_folder;
+mod recording;
 
 use crate::client::{Answers, Client, unasked, words};
 use crate::display::{Display, UPDATE_EVERY};
 use crate::io::observer::{ObserverEvent, Sample};
 use crate::io::recorder::Recorder;
 use crate::io::user;
-use crate::logic::mission::{Files, Mission, Outcome};
+use crate::logic::mission::{Mission, Outcome};
 use crate::logic::record::{Entry, Messages, Port, messages, ports};
 use crate::output::Output;
 use crate::outputs::{Outputs, is_failed_on_purpose};
@@ -18,14 +20,14 @@ use comms::io::entropy;
 use comms::logic::human::span;
 use comms::logic::time::Time;
 use hearing::Hearing;
+use home::{BACK_WITHIN, Home};
 use language::Source;
 use language::plan::Plan;
 use node::console::{self, Failure};
-use node::logic::output_lines::GAP;
 use node::logic::protocol::{Answer, Deployment, Report, Request, StartMode, StopReply, is_unreached};
 pub(crate) use record_folder::RUNS;
-use record_folder::{Readers, end_record, start_record};
-use std::collections::BTreeSet;
+use record_folder::{Readers, start_record};
+use recording::Recording;
 use std::path::PathBuf;
 use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -35,11 +37,7 @@ use tokio::sync::mpsc;
 const OBSERVED_MAX: usize = 4096;
 /// The most values of ports that wait to be recorded. When there are as many, new values are left out. Values may be large.
 const PORTS_MAX: usize = 64;
-/// How long the home node may be out of reach after its answers broke off. The other hosts of the deployment wait as long.
-const BACK_WITHIN: Duration = Duration::from_secs(5);
-/// How long the answers have to last until the home counts as back. If they break off later, a new wait begins.
-const STEADY: Duration = Duration::from_secs(1);
-/// How often the command looks for a home that could not be reached.
+/// How often the home node is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// The longest pause of the hosts while they send the rest of their programs' output after the end of the mission.
 const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
@@ -87,23 +85,15 @@ struct Watch {
     mission: Mission,
     display: Display,
     output: Output,
-    recorder: Option<Recorder>,
-    is_broken_off: bool,
+    recording: Recording,
     hearing: Hearing,
     arriving_ports: mpsc::Receiver<ObserverEvent>,
     /// The output of programs. Without a record, only the lines that may explain an end are requested.
     outputs: Outputs,
     go_at: Option<Time>,
     name: String,
-    home: String,
     hosts: Vec<String>,
-    deployment: Option<Deployment>,
-    seen: u64,
-    cut_off: Option<Time>,
-    /// When the home was last asked again.
-    resumed: Option<Time>,
-    /// The processes whose output is not recorded completely.
-    lacking: BTreeSet<String>,
+    home: Home,
 }
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
@@ -126,7 +116,8 @@ pub(crate) async fn follow(
     } else {
         Some(start_record(&spec, &following.runs, Readers::of(client.team().is_some()))?)
     };
-    let (mut watch, mut arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
+    let (mut watch, mut arriving) =
+        Watch::new(&spec.plan, Home::new(home.clone(), None), recorder, ports, client.team());
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, &mut arriving).await;
     watch.finish(watched, arriving).await
@@ -135,8 +126,8 @@ pub(crate) async fn follow(
 /// Watches a deployment that runs, from its beginning on, and stays until it has ended; Ctrl-C stops it everywhere.
 pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) -> Result<(), Failure> {
     let home = plan.home().context("the plan names no host for `main`")?.to_owned();
-    let (mut watch, mut arriving) = Watch::new(&plan, home.clone(), None, Vec::new(), client.team());
-    watch.deployment = Some(deployment.clone());
+    let reports = Home::new(home.clone(), Some(deployment.clone()));
+    let (mut watch, mut arriving) = Watch::new(&plan, reports, None, Vec::new(), client.team());
     let answers = client.ask_on(&home, &Request::Watch { deployment, seen: 0 })?;
     let watched = watch.watch(client, &home, answers, &mut arriving).await;
     watch.finish(watched, arriving).await
@@ -145,7 +136,7 @@ pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) 
 impl Watch {
     fn new(
         plan: &Plan,
-        home: String,
+        home: Home,
         recorder: Option<Recorder>,
         ports: Vec<Port>,
         team: Option<PathBuf>,
@@ -156,20 +147,14 @@ impl Watch {
             mission: Mission::new(plan),
             display: Display::default(),
             output: Output::standard(),
-            recorder,
-            is_broken_off: false,
+            recording: Recording::new(recorder),
             hearing: Hearing::new(&plan.name, team, ports, (observer_events, port_events)),
             arriving_ports,
             outputs: Outputs::default(),
             go_at: None,
             name: plan.name.clone(),
-            home,
             hosts: plan.hosts.clone(),
-            deployment: None,
-            seen: 0,
-            cut_off: None,
-            resumed: None,
-            lacking: BTreeSet::new(),
+            home,
         };
         (watch, arriving)
     }
@@ -209,7 +194,7 @@ impl Watch {
                 (path, text) = self.outputs.next() => self.wrote(path, text),
                 Some(answer) = next(&mut stopping) => self.stop_answered(answer),
                 _ = refresh.tick() => {
-                    self.watch_record();
+                    self.recording.watch(&mut self.output);
                     self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
                     self.display.update(&self.mission, &mut self.output);
                 }
@@ -225,24 +210,21 @@ impl Watch {
         if self.mission.verdict().is_some() {
             return Ok(None);
         }
-        let Some(deployment) = self.deployment.clone() else {
-            let (home, name) = (&self.home, &self.name);
+        let Some(deployment) = self.home.deployment().cloned() else {
+            let (home, name) = (self.home.host(), &self.name);
             let gone = || Failure::Unreachable(anyhow!("the node `{home}` went away before it accepted `{name}`"));
             return Err(why.unwrap_or_else(gone));
         };
         let now = clock::now();
-        if self.resumed.is_some_and(|at| now - at > STEADY) {
-            self.cut_off = None;
-        }
-        let deadline = self.cut_off.get_or_insert(now).to_owned() + BACK_WITHIN;
+        let (deadline, home) = (self.home.cut(now), self.home.host().to_owned());
         // A question gets lost while the session is losing its link. The command would wait for its answer in vain.
         clock::sleep_until(now + LOOK_EVERY).await;
         while clock::now() < deadline {
             tokio::select! {
-                hosts = client.hosts(std::slice::from_ref(&self.home)) => match hosts {
-                    Ok(hosts) if hosts.contains(&self.home) => {
-                        self.resumed = Some(clock::now());
-                        return self.missed(client, deployment).map(Some);
+                hosts = client.hosts(std::slice::from_ref(&home)) => match hosts {
+                    Ok(hosts) if hosts.contains(&home) => {
+                        let request = self.home.resume(clock::now(), deployment);
+                        return client.ask_on(&home, &request).map(Some);
                     }
                     // The session may end together with the node of this machine, and this may be the home node.
                     Ok(_) | Err(_) => clock::sleep_until(clock::now() + LOOK_EVERY).await,
@@ -253,14 +235,9 @@ impl Watch {
         Err(self.lost())
     }
 
-    /// Asks for the missed events and for all later ones.
-    fn missed(&self, client: &Client, deployment: Deployment) -> Result<Answers, Failure> {
-        client.ask_on(&self.home, &Request::Watch { deployment, seen: self.seen })
-    }
-
-    /// Returns the failure that the home node cannot be reached. Such a node cannot be asked to stop the mission either.
+    /// Returns the failure for an unreachable home node, which cannot be asked for an end either.
     fn lost(&self) -> Failure {
-        let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
+        let (home, name, within) = (self.home.host(), &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(
             "the mission on `{home}` is lost: its node is gone, or was out of reach for {within}; what runs of `{name}` on \
              other hosts stops by its own rules (`dca status` shows it); if it still runs, `dca attach {name}` watches it"
@@ -274,7 +251,7 @@ impl Watch {
             return Err(anyhow!(Left { name: self.name.clone() }).into());
         }
         self.output.note("stopping everything; press Ctrl-C again to leave without waiting");
-        *asked = Some(client.stop_on(home, &self.name, self.deployment.as_ref()).await?);
+        *asked = Some(client.stop_on(home, &self.name, self.home.deployment()).await?);
         Ok(())
     }
 
@@ -282,7 +259,7 @@ impl Watch {
     fn stop_answered(&mut self, answer: Result<Answer, Failure>) {
         let why = match answer {
             Ok(Answer::Stop(StopReply::Stopped | StopReply::Unknown)) => return,
-            Ok(other) => unasked(&self.home, &other),
+            Ok(other) => unasked(self.home.host(), &other),
             Err(why) => why,
         };
         self.output.note(&format!("warning: it cannot be stopped: {}; press Ctrl-C again to leave", words(&why)));
@@ -291,14 +268,10 @@ impl Watch {
     fn take(&mut self, client: &Client, answer: Answer) -> Result<(), Failure> {
         let Answer::Report(report) = answer else {
             // If the node was restarted, it does not know the deployment.
-            let is_lost = self.cut_off.is_some() && matches!(answer, Answer::Refused(_));
-            return Err(if is_lost { self.lost() } else { unasked(&self.home, &answer) });
+            let is_lost = self.home.is_cut_off() && matches!(answer, Answer::Refused(_));
+            return Err(if is_lost { self.lost() } else { unasked(self.home.host(), &answer) });
         };
-        self.seen += if let Report::Omitted { count } = &report { *count } else { 1 };
-        self.cut_off = None;
-        if let Report::Accepted { deployment } = &report {
-            self.deployment = Some(deployment.clone());
-        }
+        self.home.take(&report);
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             self.hearing.signals(signals);
@@ -309,7 +282,7 @@ impl Watch {
             self.go_at = Some(go.min(Time::ZERO + begun));
         }
         if let Report::Programs { at } = &report {
-            self.hearing.programs(self.deployment.as_ref(), at);
+            self.hearing.programs(self.home.deployment(), at);
             return Ok(());
         }
         self.hear_outputs(client, &report);
@@ -319,7 +292,7 @@ impl Watch {
         }
         self.mission.report(&report);
         self.display.update(&self.mission, &mut self.output);
-        self.record(Entry::Report(report));
+        self.recording.push(Entry::Report(report));
         Ok(())
     }
 
@@ -336,15 +309,15 @@ impl Watch {
         let Sample { path, arrived, signals } = sample;
         let at = arrived - go;
         self.mission.signals(&path, at, &signals);
-        self.record(Entry::Signals { path, at, sample: signals });
+        self.recording.push(Entry::Signals { path, at, sample: signals });
     }
 
     /// Receives the output of programs. It is requested from each host as soon as the programs there are prepared, or
     /// at the end if they never started. Without a record, it is requested only at the end, and only if a deadline may
     /// have ended programs.
     fn hear_outputs(&mut self, client: &Client, report: &Report) {
-        let is_wanted = self.recorder.is_some() || is_failed_on_purpose(report);
-        let Some(deployment) = self.deployment.as_ref().filter(|_| is_wanted) else { return };
+        let is_wanted = self.recording.is_kept() || is_failed_on_purpose(report);
+        let Some(deployment) = self.home.deployment().filter(|_| is_wanted) else { return };
         match report {
             Report::Prepared { host, .. } => self.outputs.hear(client, host, deployment),
             Report::Refused { .. } | Report::Finished { .. } => {
@@ -368,32 +341,14 @@ impl Watch {
     fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {
         let at = self.go_at.map_or(Duration::ZERO, |go| arrived - go);
         let message = self.hearing.port(&from, &to).and_then(|port| port.message.clone());
-        self.record(Entry::Port { from, to, at, bytes, message });
+        self.recording.push(Entry::Port { from, to, at, bytes, message });
     }
 
     fn wrote(&mut self, path: String, text: String) {
-        if text.contains(GAP) && self.lacking.insert(path.clone()) {
-            self.output.note(&format!(
-                "warning: some output of `{path}` is not recorded: it writes faster than its output is read"
-            ));
-        }
+        self.recording.watch_output(&path, &text, &mut self.output);
         let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
         self.mission.wrote(&path, &text);
-        self.record(Entry::Output { path, at, text });
-    }
-
-    /// If the record has broken off, prints this once. The mission continues.
-    fn watch_record(&mut self) {
-        if !self.is_broken_off && self.recorder.as_ref().is_some_and(Recorder::has_broken_off) {
-            self.is_broken_off = true;
-            self.output.note("warning: the record breaks off here: it cannot be written any more. The mission goes on");
-        }
-    }
-
-    fn record(&mut self, entry: Entry) {
-        if let Some(recorder) = &mut self.recorder {
-            recorder.push(entry);
-        }
+        self.recording.push(Entry::Output { path, at, text });
     }
 
     async fn finish(
@@ -413,15 +368,9 @@ impl Watch {
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
         outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
-        let (files, kept) = match self.recorder.take() {
-            // No host has accepted the deployment, so there is nothing to keep.
-            Some(recorder) if watched.is_err() && self.deployment.is_none() => {
-                recorder.discard();
-                (Files::default(), Ok(()))
-            }
-            Some(recorder) => end_record(recorder, &mut self.output),
-            None => (Files::default(), Ok(())),
-        };
+        // If no host has accepted it, there is nothing to keep.
+        let has_begun = watched.is_ok() || self.home.deployment().is_some();
+        let (files, kept) = self.recording.finish(has_begun, &mut self.output);
         self.output.clear();
         if let Err(why) = watched {
             // The user still wants to see the part that was observed.

@@ -7,12 +7,16 @@
 //!
 //! Source: a purpose-made model; all constants are our choices, named at their definitions.
 
+pub mod arm;
+pub mod base;
 pub mod body;
 pub mod camera;
 pub mod contact;
 pub mod door;
 pub mod drive;
+mod fault;
 pub mod force_torque;
+pub mod gripper;
 pub mod laser;
 pub mod plant;
 pub mod room;

@@ -1,7 +1,7 @@
 //! Examines the machine that this command runs on.
 
 use super::interpreter;
-use crate::logic::checkup::{Folder, FoundPolicy, Machine};
+use crate::logic::checkup::{Folder, FoundPolicy, Installed, Machine};
 use comms::io::clock;
 use comms::io::session;
 use comms::logic::human::cause;
@@ -34,10 +34,12 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
         files: getrlimit(Resource::Nofile).maximum,
         realtime: realtime(),
         folders,
-        shim: shim(&programs::beside("dca-shim")),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        controllers: controllers(&programs::beside("dca-controller")),
-        interpreters: interpreter::found(),
+        installed: Installed {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            shim: shim(&programs::beside("dca-shim")),
+            controllers: controllers(&programs::beside("dca-controller")),
+            interpreters: interpreter::found(),
+        },
         nodes: run_dir::running(run).unwrap_or_default().into_iter().map(|(name, _)| name).collect(),
         policies: policies(state),
     }

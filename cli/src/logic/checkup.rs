@@ -69,18 +69,25 @@ pub struct Machine {
     pub realtime: Result<(), String>,
     /// The folders that nodes write to: their purpose, and their state.
     pub folders: Vec<(&'static str, Folder)>,
-    /// The version of the shim, or why it is missing.
-    pub shim: Result<String, String>,
-    /// The version of this command.
+    /// The installed programs of DCA.
+    pub installed: Installed,
+    /// The nodes that run on this machine, of this user.
+    pub nodes: Vec<String>,
+    /// The execution policies of this machine and its nodes: their files, or why one cannot be used.
+    pub policies: Vec<Result<FoundPolicy, String>>,
+}
+
+/// The programs of DCA on a machine, which have to be of one version.
+#[derive(Clone, Debug)]
+pub struct Installed {
+    /// The version of these programs.
     pub version: String,
-    /// How many controller types the program `dca-controller` beside this command offers, or why it offers none.
+    /// The version of the shim, or why there is none.
+    pub shim: Result<String, String>,
+    /// How many controller types `dca-controller` beside this program offers, or why none.
     pub controllers: Result<usize, String>,
     /// The interpreters that would run programs in Python here.
     pub interpreters: Vec<Interpreter>,
-    /// The nodes of this user that run on this machine.
-    pub nodes: Vec<String>,
-    /// The execution policies of this machine and its nodes: the file of each, or why it cannot be used.
-    pub policies: Vec<Result<FoundPolicy, String>>,
 }
 
 /// An interpreter of Python.
@@ -130,8 +137,9 @@ pub fn findings(machine: &Machine) -> Vec<Check> {
     let mut checks = vec![kernel(machine), containment(machine), clock(machine), discovery(machine)];
     checks.extend([listening(machine), files(machine), realtime(machine)]);
     checks.extend(machine.folders.iter().map(|(name, folder)| space(name, folder)));
-    checks.extend([shim(machine), controllers(machine)]);
-    checks.extend(machine.interpreters.iter().map(|one| python(one, &machine.version)));
+    let installed = &machine.installed;
+    checks.extend([shim(installed), controllers(installed)]);
+    checks.extend(installed.interpreters.iter().map(|one| python(one, &installed.version)));
     checks.extend([policy(machine), nodes(machine)]);
     checks
 }
@@ -249,17 +257,17 @@ fn size(bytes: u64) -> String {
     }
 }
 
-fn shim(machine: &Machine) -> Check {
-    let (level, finding) = match &machine.shim {
-        Ok(version) if *version == machine.version => (Level::Ok, format!("version {version}")),
-        Ok(version) => (Level::Failed, format!("version {version}, and these programs have {}", machine.version)),
+fn shim(installed: &Installed) -> Check {
+    let (level, finding) = match &installed.shim {
+        Ok(version) if *version == installed.version => (Level::Ok, format!("version {version}")),
+        Ok(version) => (Level::Failed, format!("version {version}, and these programs have {}", installed.version)),
         Err(why) => (Level::Failed, why.clone()),
     };
     check("shim", level, finding, "put `dca-shim` of the same build beside `dca-node`")
 }
 
-fn controllers(machine: &Machine) -> Check {
-    let (level, finding) = match &machine.controllers {
+fn controllers(installed: &Installed) -> Check {
+    let (level, finding) = match &installed.controllers {
         Ok(types) => (Level::Ok, format!("`dca-controller` offers {types} types")),
         Err(why) => (Level::Warning, why.clone()),
     };
@@ -351,10 +359,12 @@ mod tests {
             files: Some(524_288),
             realtime: Ok(()),
             folders: vec![("sockets", folder)],
-            shim: Ok("1".into()),
-            version: "1".into(),
-            controllers: Ok(20),
-            interpreters: vec![python("1")],
+            installed: Installed {
+                version: "1".into(),
+                shim: Ok("1".into()),
+                controllers: Ok(20),
+                interpreters: vec![python("1")],
+            },
             nodes: vec!["c1".into()],
             policies: vec![Ok(FoundPolicy { path: "/etc/dca/policy.toml".into(), could_be_changed_by: None })],
         }
@@ -396,23 +406,33 @@ mod tests {
         check_flaw(|it| it.folders[0].1.free = Some(100 << 20), Level::Warning, "sockets", "left");
         check_flaw(|it| it.folders[0].1.free = Some(1 << 20), Level::Failed, "sockets", "left");
         check_flaw(|it| it.folders[0].1.writing = no(), Level::Failed, "sockets", "cannot be written: no");
-        check_flaw(|it| it.shim = Ok("2".into()), Level::Failed, "shim", "version 2, and these programs have 1");
-        check_flaw(|it| it.shim = Err("it is not there".into()), Level::Failed, "shim", "it is not there");
-        check_flaw(|it| it.controllers = Err("no".into()), Level::Warning, "controllers", "no");
+        check_flaw(
+            |it| it.installed.shim = Ok("2".into()),
+            Level::Failed,
+            "shim",
+            "version 2, and these programs have 1",
+        );
+        check_flaw(|it| it.installed.shim = Err("it is not there".into()), Level::Failed, "shim", "it is not there");
+        check_flaw(|it| it.installed.controllers = Err("no".into()), Level::Warning, "controllers", "no");
         check_flaw(|it| it.policies.push(Err("line 3: no".into())), Level::Failed, "policy", "line 3: no");
         check_flaw(
-            |it| it.interpreters = vec![python("2")],
+            |it| it.installed.interpreters = vec![python("2")],
             Level::Warning,
             "python",
             "with `dca` 2 from `/venv/dca`; these programs have 1",
         );
         check_flaw(
-            |it| it.interpreters[0].package = Err("no".into()),
+            |it| it.installed.interpreters[0].package = Err("no".into()),
             Level::Warning,
             "python",
             "`import dca` fails: no",
         );
-        check_flaw(|it| it.interpreters[0].version = Err("no".into()), Level::Warning, "python", "does not start: no");
+        check_flaw(
+            |it| it.installed.interpreters[0].version = Err("no".into()),
+            Level::Warning,
+            "python",
+            "does not start: no",
+        );
         let weak = || Ok(FoundPolicy { path: "p".into(), could_be_changed_by: Some("ann".into()) });
         check_flaw(
             |it| it.policies.push(weak()),

@@ -15,6 +15,10 @@
 //! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]. The law is the one in the
 //! source of [`super::hinge`]: tangential velocity, compliance across, and an estimate during the motion.
 
+mod attempts;
+mod lean;
+mod travel;
+
 use super::compliant::{ACROSS, Guide, gain_max};
 use super::filter::LowPass;
 use super::hinge::Hinge;
@@ -22,61 +26,33 @@ use super::lever::Lever;
 use super::line::horizontal;
 use super::oscillation::OscillationGuard;
 use super::ramp::towards;
-use super::steps::Steps;
-use super::swing::{Attempt, HARD, Opens, PULL_MAX, Swing, TOTAL_MAX};
+use super::swing::{HARD, Opens, Swing};
 use super::swivel::{Stance, Swivel, Turn};
+use attempts::Attempts;
+use lean::{Lean, Leaning, PULL_FADE};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6};
+use travel::{HandMotion, Travel};
 
 /// Speed of the handle (m/s).
 pub const SPEED: f64 = 0.12;
-/// The rate at which the largest pull grows (N/s).
-const LEAN: f64 = 15.0;
-/// The same rate for a pushed door that moves but slows the hand down (N/s), up to `PUSH_EASY` (N).
-const LEAN_SLOWLY: f64 = 4.0;
-const PUSH_EASY: f64 = 58.0;
-const PULL_FADE: f64 = 25.0;
-/// The frequency below which a part of the pull counts as slow (Hz).
-const PULL_SLOW: f64 = 0.3;
-/// A sudden pull slows the hand down, however short it is: from the first value below the largest pull on, until the
-/// hand stops at the second value above it (N). `SUDDEN_FIRST` holds until the door has moved.
+/// The range of the pull, relative to the largest (N), in which the hand gives way to a sudden pull, however quickly it
+/// comes: from the first value below to the second value above.
 const SUDDEN: (f64, f64) = (5.0, 15.0);
 const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
-/// The assumed compliance of the grasp is at most the first value and at least the second (m/N). A measured compliance
-/// is multiplied by `SOFTER`.
-const SOFT: (f64, f64) = (1.0 / 3000.0, 1.0 / 20_000.0);
-const SOFTER: f64 = 1.3;
-/// The compliance is measured only if the grasp was strained by more than this force (N).
-const SOFT_FROM: f64 = 20.0;
-/// The frequency up to which the pull counts for the strain of the grasp (Hz).
-const PULL_QUICK: f64 = 6.0;
-/// The measured speed of the hand counts only up to this much beyond the commanded speed (m/s), because wheels may
-/// slip.
-const BELIEVED: f64 = 0.02;
-/// An attempt is the better one if it has moved the door by this much more than the other direction (m).
-const BETTER: f64 = 0.005;
-/// The hand does not tear at a door that may be locked: its first speed (m/s), and the distance of the handle up to
-/// which this speed holds (m). `ACCELERATION` is the change of the speed (m/s²).
+/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds
+/// up (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
 const ACCELERATION: f64 = 0.12;
-const RAMP: f64 = 1.0;
-/// A door counts as stalled if the slow pull is within this of the largest pull (N) and the hand stands still.
-const STALL_PULL: f64 = 12.0;
+/// A hand that is slower than this stands still (m/s).
 const STALL_SPEED: f64 = 0.02;
 /// `STALL_SPEED` is scaled by the allowed speed of the hand, but by no less than this factor.
 const CREEP: f64 = 0.25;
-const STALL_TIME: f64 = 0.5;
 /// The lever stays pressed until the handle has gone this far (m): the latch is free by then.
 const LEVER_FREE: f64 = 0.085;
 /// A leaf at this angle from the wall is certainly open (rad).
 const SEEN: f64 = 0.12;
-/// The door counts as moved once the handle has moved further than this (m), when pulled and when pushed. A door that
-/// was pushed is not pulled shut again.
-const MOVED: f64 = 0.03;
-const MOVED_PUSHED: f64 = 0.015;
-/// The same for the first pull, which begins without strain from an attempt in the other direction.
-const MOVED_FIRST: f64 = 0.015;
-/// A pushed door has left its latch when the handle has moved this far (m). Then the hand pushes at `LIFT_SPEED` (m/s)
-/// until the lever is up.
+/// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up
+/// (m, m/s).
 const UNLATCHED: f64 = 0.025;
 const LIFT_SPEED: f64 = 0.012;
 /// The speed at which a handle is pushed (m/s). It is lower than `SPEED`, because the base has to get clear of the
@@ -105,37 +81,37 @@ pub struct Opening {
     hinge: Hinge,
     /// +1 if the lever points to the left, so that a door that is pulled opens clockwise seen from above.
     left: f64,
-    opens: Opens,
-    /// The present attempt, whether it is the first one, and the remaining attempts.
-    trying: (Swing, Attempt),
-    is_first: bool,
-    left_to_try: Vec<(Swing, Attempt)>,
-    /// The furthest way of the handle when it was pulled, and when it was pushed (m).
-    went: (f64, f64),
-    steps: Steps,
-    /// The way of the hand in the direction of this try (m), and the pull when it began (N).
-    tried: f64,
-    pull_from: Option<f64>,
-    quick: LowPass<1>,
-    /// The largest compliance of the grasp (m/N).
-    soft: f64,
+    attempts: Attempts,
+    travel: Travel,
+    lean: Lean,
+    lever: Lever,
+    guard: OscillationGuard,
     /// The leaf against the wall as seen last (rad, counter-clockwise).
     seen: Option<f64>,
-    start: Stance,
-    lever: Lever,
-    time: f64,
+    hand: Hand,
     /// The speed at which the handle may go (m/s).
     top: f64,
-    stalled: f64,
-    /// The pull at which the hand stops (N).
-    pull_max: f64,
-    slow: LowPass<1>,
-    beside: LowPass<1>,
-    guard: OscillationGuard,
-    last: Stance,
-    travelled: f64,
+    /// The estimated angle of the door (rad).
     angle: f64,
+}
+
+/// The hand on its way.
+#[derive(Clone, Debug, PartialEq)]
+struct Hand {
+    /// Where it was when the opening began, and where it is now.
+    start: Stance,
+    last: Stance,
     speed: LowPass<2>,
+}
+
+impl Hand {
+    /// Takes where the hand is, `dt` (s) after the last call. Returns its velocity and the slow part of its speed (m/s).
+    fn advance(&mut self, stance: Stance, dt: f64) -> (Vector2<f64>, f64) {
+        let velocity = (stance.hand - self.last.hand) / dt.max(1e-3);
+        let [x, y] = self.speed.update(&[velocity.x, velocity.y], dt);
+        self.last = stance;
+        (velocity, x.hypot(y))
+    }
 }
 
 /// The motion that the law asks for.
@@ -169,7 +145,7 @@ impl Opening {
     /// Begins with a hand that holds a pressed lever. The lever points to the hinge, which is about `radius` (m) away.
     /// The hand faces the door. It has rolled with the lever, so the lever is on the side of the hand that is down.
     pub fn new(posture: &Posture, radius: f64, opens: Opens) -> Self {
-        let start = posture.stance();
+        let (start, attempts) = (posture.stance(), Attempts::new(opens));
         let hand = posture.odometry_from_tool.rotation * Vector3::x();
         let leftward = hand.xy().dot(&Vector2::new(-start.ahead.y, start.ahead.x));
         // A hand that is level has not pressed: then its x axis points along the lever.
@@ -177,30 +153,15 @@ impl Opening {
         Self {
             hinge: Hinge::new(radius),
             left: side.signum(),
-            opens,
-            trying: opens.attempts()[0],
-            is_first: true,
-            left_to_try: opens.attempts()[1..].to_vec(),
-            went: (0.0, 0.0),
-            steps: Steps::default(),
-            tried: 0.0,
-            pull_from: None,
-            quick: LowPass::new(PULL_QUICK),
-            soft: SOFT.0,
-            seen: None,
-            start,
+            lean: Lean::new(attempts.limits()),
+            attempts,
+            travel: Travel::default(),
             lever: Lever::default(),
-            time: 0.0,
-            top: 0.0,
-            stalled: 0.0,
-            pull_max: opens.attempts()[0].1.pull.min(PULL_MAX.0),
-            slow: LowPass::new(PULL_SLOW),
-            beside: LowPass::new(PULL_SLOW),
             guard: OscillationGuard::default(),
-            last: start,
-            travelled: 0.0,
+            seen: None,
+            hand: Hand { start, last: start, speed: LowPass::new(3.0) },
+            top: 0.0,
             angle: 0.0,
-            speed: LowPass::new(3.0),
         }
     }
 
@@ -224,7 +185,7 @@ impl Opening {
 
     /// Returns the distance from the first place of the handle to the present one (m), measured by arm and wheels.
     pub fn way(&self) -> f64 {
-        (self.last.hand - self.start.hand).norm()
+        (self.hand.last.hand - self.hand.start.hand).norm()
     }
 
     /// Returns whether the hand pushes the door.
@@ -241,7 +202,7 @@ impl Opening {
     }
 
     fn swing(&self) -> Swing {
-        self.trying.0
+        self.attempts.swing()
     }
 
     /// Takes the observed angle between leaf and wall (rad, counter-clockwise). If the leaf is on the other side than
@@ -264,26 +225,26 @@ impl Opening {
         let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         let torque: Vector3<f64> = wrench.fixed_rows::<3>(3).into();
         let (stance, sense, swing) = (posture.stance(), self.sense(), self.swing());
-        let velocity = (stance.hand - self.last.hand) / dt.max(1e-3);
-        let speed = self.speed.update(&[velocity.x, velocity.y], dt);
-        let turned = self.last.ahead.perp(&stance.ahead);
-        self.last = stance;
+        let turned = self.hand.last.ahead.perp(&stance.ahead);
+        let (velocity, speed) = self.hand.advance(stance, dt);
         let turn = self.turn(&stance, &posture.odometry_from_tool.rotation);
         // If the guard has reduced the gain, the hand has to move more slowly. Otherwise the same error would cause a
         // larger force.
         let share = self.guard.update(&force, dt);
         let pace = pace.min(share) * turn.pace;
-        self.time += dt * pace;
+        self.lean.pass(dt * pace);
         let way = if swing == Swing::Pull { -stance.ahead } else { stance.ahead };
         let tangent = Rotation3::from_axis_angle(&Vector3::z_axis(), self.hinge.beside()) * way.push(0.0);
         let tool_from_odometry = posture.odometry_from_tool.rotation.inverse();
         let tangent_in_tool = tool_from_odometry * tangent;
         let up_in_tool = tool_from_odometry * Vector3::z();
         let pull = -force.dot(&tangent_in_tool);
-        let [slow_pull] = self.slow.update(&[pull], dt);
+        let slow_pull = self.lean.feel(pull, dt);
         // The force of the lever's spring is included.
         let beside = (force - tangent_in_tool * force.dot(&tangent_in_tool)).norm();
-        let (most, hardest) = self.limits(beside, dt);
+        // A door that has come is the right way.
+        let limits = if self.has_come() { HARD } else { self.attempts.limits() };
+        let most = self.lean.most(beside, limits, dt);
         let fade = ((most - slow_pull) / PULL_FADE).clamp(0.0, 1.0);
         let from_to = if self.has_come() { SUDDEN } else { SUDDEN_FIRST };
         let sudden = ((most + from_to.1 - pull) / (from_to.0 + from_to.1)).clamp(0.0, 1.0);
@@ -291,12 +252,12 @@ impl Opening {
         self.top = towards(self.top, self.top_speed(), ACCELERATION * dt * pace);
         let damping = (slow_pull - pull) * gain_max(delay).min(1.0 / ACROSS) * share;
         let along = self.top * pace * fade.min(sudden) + damping;
-        let moved = self.moved(velocity.dot(&tangent.xy()), along, pull, dt);
-        self.travelled += moved;
+        let motion = HandMotion { speed: velocity.dot(&tangent.xy()), commanded: along, pull };
+        let moved = self.travel.advance(&motion, &self.attempts, dt);
         let guide = Guide {
             tangent_in_tool,
             up_in_tool,
-            upward: self.travelled > self.free_at(),
+            upward: self.travel.travelled() > self.free_at(),
             turned: swing == Swing::Push,
         };
         let (rate, force_left) = (moved / dt.max(1e-3), force.dot(&guide.felt()));
@@ -311,8 +272,15 @@ impl Opening {
         };
         let linear = tangent_in_tool * along + up_in_tool * lifted;
         let angular = up_in_tool * turning + Vector3::z() * roll;
-        let still = speed[0].hypot(speed[1]) < STALL_SPEED * pace * (self.top / SPEED).max(CREEP);
-        self.lean(slow_pull, still, most, hardest, dt);
+        let leaning = Leaning {
+            slow_pull,
+            most,
+            hardest: limits.pull,
+            is_still: speed < STALL_SPEED * pace * (self.top / SPEED).max(CREEP),
+            has_come: self.has_come(),
+            is_pushed: self.pushes(),
+        };
+        self.lean.lean(&leaning, dt);
         Pull {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
             guide,
@@ -323,23 +291,9 @@ impl Opening {
         }
     }
 
-    /// Returns how far the handle has moved since the last call (m). The hand moves at `speed` (m/s), was commanded to
-    /// move at `along` (m/s), and pulls with `pull` (N). The wheels' motion counts only as far as the hand can have
-    /// moved. Until the door has certainly moved, the possible give of the grasp is subtracted as well.
-    fn moved(&mut self, speed: f64, along: f64, pull: f64, dt: f64) -> f64 {
-        let side = if self.pushes() { -1.0 } else { 1.0 };
-        let [quick] = self.quick.update(&[side * pull], dt);
-        if self.has_come() {
-            return self.steps.take(speed * dt, along.max(0.0) * dt);
-        }
-        self.tried += speed.clamp(-SPEED, along.max(0.0) + BELIEVED) * dt;
-        let strained = side * quick - *self.pull_from.get_or_insert(side * quick);
-        (self.tried - strained.max(0.0) * self.soft - self.travelled).max(0.0)
-    }
-
-    /// The turn of a pushing hand about the lever. Until the lever is nearly up, the hand does not turn.
+    /// The turn of a hand that pushes about the lever, once it may.
     fn turn(&self, stance: &Stance, rotation: &UnitQuaternion<f64>) -> Turn {
-        let turn = Swivel::new(&self.start, self.left).turn(stance, self.hinge.beside(), self.hinge.radius());
+        let turn = Swivel::new(&self.hand.start, self.left).turn(stance, self.hinge.beside(), self.hinge.radius());
         match self.swing() {
             Swing::Push if self.lever.is_up(rotation) => turn,
             Swing::Push | Swing::Pull => Turn { rate: 0.0, pace: 1.0, base: Vector2::zeros(), ..turn },
@@ -354,7 +308,7 @@ impl Opening {
     /// Returns the speed of the hand upwards (m/s) and its roll (rad/s). The hand keeps the lever down while the latch
     /// may catch. A hand that pushes then lets the lever up, because it has to turn about it.
     fn lift(&mut self, odometry_from_tool: &Isometry3<f64>, upward: f64, dt: f64) -> (f64, f64) {
-        if self.travelled < self.free_at() {
+        if self.travel.travelled() < self.free_at() {
             return (self.lever.hold(odometry_from_tool.translation.z, upward, dt), 0.0);
         }
         let rise = self.pushes().then(|| self.lever.rise(&odometry_from_tool.rotation, upward, dt));
@@ -363,58 +317,27 @@ impl Opening {
 
     /// Returns whether the door has moved in the direction of the current attempt.
     fn has_come(&self) -> bool {
-        let enough = match self.swing() {
-            Swing::Push => MOVED_PUSHED,
-            Swing::Pull if self.is_first => MOVED_FIRST,
-            Swing::Pull => MOVED,
-        };
-        self.travelled > enough
+        self.travel.has_come(&self.attempts)
     }
 
     fn top_speed(&self) -> f64 {
         match self.swing() {
-            _ if self.travelled < FIRST.1 => FIRST.0,
+            _ if self.travel.travelled() < FIRST.1 => FIRST.0,
             Swing::Pull => SPEED,
             Swing::Push if self.lever.is_rising() => LIFT_SPEED,
             Swing::Push => PUSH_SPEED,
         }
     }
 
-    /// Returns the pull at which the hand stops now, and the pull at which it finally stops (N). `beside` is the force
-    /// across the path (N).
-    fn limits(&mut self, beside: f64, dt: f64) -> (f64, f64) {
-        let [beside] = self.beside.update(&[beside.min(TOTAL_MAX)], dt);
-        // A door that has moved shows that the direction is right.
-        let Attempt { pull: hardest, total } = if self.has_come() { HARD } else { self.trying.1 };
-        (self.pull_max.min((total.powi(2) - beside.min(total).powi(2)).sqrt()), hardest)
-    }
-
-    /// Raises the largest pull for a door that does not move, and adds up the time for which this does not help.
-    fn lean(&mut self, slow_pull: f64, still: bool, most: f64, hardest: f64, dt: f64) {
-        if self.has_come() && self.pull_max < PULL_MAX.0 {
-            self.pull_max = (self.pull_max + LEAN * dt).min(PULL_MAX.0);
-        }
-        let lags = self.pushes() && self.has_come() && slow_pull > most - PULL_FADE;
-        if lags && self.pull_max < PUSH_EASY {
-            self.pull_max = (self.pull_max + LEAN_SLOWLY * dt).min(PUSH_EASY);
-        }
-        let stalls = self.time > RAMP && slow_pull > most - STALL_PULL && still;
-        if stalls && self.pull_max < hardest.min(most + 1.0) {
-            self.pull_max = (self.pull_max + LEAN * dt).min(hardest);
-        } else {
-            self.stalled = if stalls { self.stalled + dt } else { (self.stalled - dt).max(0.0) };
-        }
-    }
-
     fn failure(&mut self) -> Option<Failure> {
-        if self.stalled <= STALL_TIME {
+        if !self.lean.is_stalled() {
             return None;
         }
-        let is_last = self.left_to_try.is_empty();
-        // A sliding grasp or slipping wheels can look like a moving door; the observed angle of the leaf decides.
+        // A grasp that slides, or wheels that slip, have not moved the leaf.
         let leaf = self.seen.map(|leaf| leaf * self.sense());
-        let came = self.has_come() && leaf.is_none_or(|leaf| leaf > 0.5 * self.travelled * self.hinge.curvature());
-        if came || is_last {
+        let turned = self.travel.travelled() * self.hinge.curvature();
+        let came = self.has_come() && leaf.is_none_or(|leaf| leaf > 0.5 * turned);
+        if came || self.attempts.is_last() {
             return Some(if came { Failure::Blocked } else { Failure::Locked });
         }
         self.try_next();
@@ -423,28 +346,11 @@ impl Opening {
 
     /// Begins the next attempt.
     fn try_next(&mut self) {
-        let side = if self.pushes() { -1.0 } else { 1.0 };
-        let [pull] = self.quick.update(&[0.0], 0.0);
-        let strained = side * pull - self.pull_from.unwrap_or_default();
-        if strained > SOFT_FROM {
-            self.soft = self.soft.min((SOFTER * self.tried / strained).max(SOFT.1));
-        }
-        let (pulled, pushed) = &mut self.went;
-        let went = if self.trying.0 == Swing::Pull { &mut *pulled } else { &mut *pushed };
-        *went = went.max(self.travelled);
-        let better = if *pulled > *pushed + BETTER {
-            Some(Swing::Pull)
-        } else {
-            (*pushed > *pulled + BETTER).then_some(Swing::Push)
-        };
-        let next = self.left_to_try.iter().position(|(swing, _)| better.is_none_or(|better| *swing == better));
-        self.trying = self.left_to_try.remove(next.unwrap_or(0));
-        self.is_first = false;
-        (self.tried, self.pull_from) = (0.0, None);
+        let way = self.travel.restart(self.swing());
+        self.attempts.next(way);
+        self.lean.restart(self.attempts.limits());
         self.hinge = Hinge::new(self.hinge.radius());
-        (self.time, self.stalled, self.travelled, self.angle) = (0.0, 0.0, 0.0, 0.0);
-        self.pull_max = self.trying.1.pull.min(PULL_MAX.0);
-        (self.top, self.slow) = (0.0, LowPass::new(PULL_SLOW));
+        (self.top, self.angle) = (0.0, 0.0);
     }
 }
 

@@ -236,19 +236,19 @@ impl State {
         let Servers { base, arm, gripper } = servers;
         match order {
             Order::Arm(command) if arm.admit(&command.owner, command.fence, now) => {
-                self.plant.arm_drive.command(command.rates.as_ref(), now);
+                self.plant.arm.drive.command(command.rates.as_ref(), now);
                 if command.rates.is_none() {
                     arm.release();
                 }
             }
             Order::Base(command) if base.admit(&command.owner, command.fence, now) => {
-                self.plant.base_drive.command(command.velocity.as_ref(), now);
+                self.plant.base.drive.command(command.velocity.as_ref(), now);
                 if command.velocity.is_none() {
                     base.release();
                 }
             }
             Order::Gripper(command) if gripper.admit(&command.owner, command.fence, now) => match command.width {
-                Some(width) => self.plant.grip_to(width, command.force),
+                Some(width) => self.plant.gripper.close_to(width, command.force),
                 None => gripper.release(),
             },
             Order::Force(command) => self.plant.force_torque.set_zero(command.after),
@@ -273,8 +273,8 @@ impl State {
     /// Returns whether the controllers of arm and base have let go of them, or will not do so in time.
     fn is_left(&mut self, now: Time) -> bool {
         let began = *self.stopping.get_or_insert(now);
-        let Plant { arm_drive, base_drive, .. } = &self.plant;
-        let is_left = arm_drive.is_left(now, LEFT_AFTER) && base_drive.is_left(now, LEFT_AFTER);
+        let Plant { arm, base, .. } = &self.plant;
+        let is_left = arm.drive.is_left(now, LEFT_AFTER) && base.drive.is_left(now, LEFT_AFTER);
         is_left || now.since(began) + LEFT_AFTER > STOP_WITHIN
     }
 
@@ -309,7 +309,7 @@ impl State {
         let (plant, samples) = (&mut self.plant, &mut self.samples);
         let mut bus = Bus { delays: self.delays, failure: &self.failure, random: &mut self.random };
         if due[0] {
-            let (angles, rates) = (plant.encoders().into(), plant.joint_rates());
+            let (angles, rates) = (plant.arm.encoders().into(), plant.joint_rates());
             samples.arm.put(now, 0, ArmState { stamp, angles, rates }, &mut bus);
         }
         if due[1] {
@@ -325,7 +325,7 @@ impl State {
             samples.force.put(now, 2, state, &mut bus);
         }
         if due[3] {
-            let (width, force) = plant.grip_said();
+            let (width, force) = (plant.width_reported(), plant.gripper.force());
             samples.gripper.put(now, 3, GripperState { stamp, width, force }, &mut bus);
         }
         if due[4] {
@@ -341,28 +341,28 @@ impl State {
         let (hand, handle) = (plant.hand(), plant.door.handle());
         let in_handle = handle.world_from_handle.inv_mul(&hand.world_from_tool);
         let aside = in_handle.translation.vector.xy().norm();
-        let base = &plant.base_drive.velocity;
+        let base = &plant.base.drive.velocity;
         let mut signals = vec![
             signal("door angle", "deg", plant.door.angle.to_degrees(), true),
             signal("contact force", "N", self.peak.now.max(self.peak.before), true),
             signal("peak force", "N", self.peak.ever, true),
             signal("collision force", "N", plant.collision(), false),
             signal("room of base", "mm", 1e3 * plant.base_room(), false),
-            signal("base beyond wall", "m", plant.base().x, false),
-            signal("handle held", "", f64::from(u8::from(plant.holds())), false),
+            signal("base beyond wall", "m", plant.base.pose().x, false),
+            signal("handle held", "", f64::from(u8::from(plant.gripper.holds())), false),
             signal("lever angle", "deg", plant.door.lever.to_degrees(), false),
             signal("hand beside handle", "mm", 1e3 * aside, false),
             signal("hand to handle angle", "deg", in_handle.rotation.angle().to_degrees(), false),
-            signal("gripper width", "mm", 1e3 * plant.grip().0, false),
+            signal("gripper width", "mm", 1e3 * plant.gripper.width(), false),
             signal("base speed", "m/s", base[0].hypot(base[1]), false),
             signal("base yaw rate", "rad/s", base[2], false),
-            signal("joint limits hit", "", f64::from(plant.limits_hit()), false),
+            signal("joint limits hit", "", f64::from(plant.arm.limits_hit()), false),
         ];
         let force = plant.force();
         for (name, value) in [("force x", force.x), ("force y", force.y), ("force z", force.z)] {
             signals.push(signal(name, "N", value, false));
         }
-        for (joint, rate) in plant.arm_drive.velocity.iter().enumerate() {
+        for (joint, rate) in plant.arm.drive.velocity.iter().enumerate() {
             signals.push(signal(&format!("joint {} speed", joint + 1), "rad/s", *rate, false));
         }
         signals

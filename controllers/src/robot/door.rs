@@ -29,28 +29,42 @@ pub struct Description {
     pub friction: f64,
     /// Viscous friction of the hinge (Nm s/rad).
     pub viscosity: f64,
+    /// The latch.
+    pub latch: Latch,
+    /// The lever handle.
+    pub lever: Lever,
+}
+
+/// The description of a latch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Latch {
     /// The angle of the lever that frees the latch (rad).
-    pub latch_angle: f64,
+    pub angle: f64,
     /// Below this angle of the leaf the latch catches it (rad).
-    pub latch_play: f64,
+    pub play: f64,
     /// Of the latch and of the frame, about the hinge (Nm/rad).
-    pub latch_stiffness: f64,
+    pub stiffness: f64,
     /// (Nm s/rad).
-    pub latch_damping: f64,
-    /// Height of the lever's axis (m).
-    pub lever_height: f64,
-    /// From the lever's axis to where it is held (m).
-    pub lever_length: f64,
+    pub damping: f64,
+}
+
+/// The description of a lever handle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lever {
+    /// Height of its axis (m).
+    pub height: f64,
+    /// From its axis to where it is held (m).
+    pub length: f64,
     /// From the leaf to the lever (m).
-    pub lever_standoff: f64,
-    /// Thickness of the lever between the fingers (m).
-    pub lever_thickness: f64,
-    /// The angle at which the lever stops (rad).
-    pub lever_stop: f64,
-    /// Torque of the lever's spring when it leaves its rest (Nm).
-    pub lever_torque: f64,
-    /// The growth of that torque with the lever's angle (Nm/rad).
-    pub lever_rate: f64,
+    pub standoff: f64,
+    /// Its thickness between the fingers (m).
+    pub thickness: f64,
+    /// The angle at which it stops (rad).
+    pub stop: f64,
+    /// Torque of its spring when it leaves its rest (Nm).
+    pub torque: f64,
+    /// The growth of that torque with its angle (Nm/rad).
+    pub rate: f64,
 }
 
 impl Default for Description {
@@ -67,17 +81,21 @@ impl Default for Description {
             closer_rate: 2.0,
             friction: 1.0,
             viscosity: 1.5,
-            latch_angle: 28f64.to_radians(),
-            latch_play: 0.6 * std::f64::consts::PI / 180.0,
-            latch_stiffness: 1e5,
-            latch_damping: 400.0,
-            lever_height: 1.05,
-            lever_length: 0.09,
-            lever_standoff: 0.06,
-            lever_thickness: 0.02,
-            lever_stop: 45f64.to_radians(),
-            lever_torque: 0.6,
-            lever_rate: 1.8,
+            latch: Latch {
+                angle: 28f64.to_radians(),
+                play: 0.6 * std::f64::consts::PI / 180.0,
+                stiffness: 1e5,
+                damping: 400.0,
+            },
+            lever: Lever {
+                height: 1.05,
+                length: 0.09,
+                standoff: 0.06,
+                thickness: 0.02,
+                stop: 45f64.to_radians(),
+                torque: 0.6,
+                rate: 1.8,
+            },
         }
     }
 }
@@ -183,14 +201,14 @@ impl Door {
 
     /// Returns pose and motion of the handle.
     pub fn handle(&self) -> Handle {
-        let Description { radius, lever_length, lever_standoff, .. } = self.description;
+        let Description { radius, lever: is, .. } = self.description;
         let along = self.along().push(0.0);
         let (s, c) = (self.sense() * self.angle).sin_cos();
         let outward = Vector3::new(-c, -s, 0.0);
-        let hinge = self.hinge().push(self.description.lever_height);
-        let axis = hinge + along * (radius + lever_length) + outward * lever_standoff;
+        let hinge = self.hinge().push(is.height);
+        let axis = hinge + along * (radius + is.length) + outward * is.standoff;
         let lever = -along * self.lever.cos() - Vector3::z() * self.lever.sin();
-        let origin = axis + lever * lever_length;
+        let origin = axis + lever * is.length;
         let basis = [lever, (-outward).cross(&lever), -outward];
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&basis));
         let leaf_angular = Vector3::z() * (self.sense() * self.rate);
@@ -224,24 +242,24 @@ impl Door {
         let is = self.description;
         let handle = self.handle();
         let origin = handle.world_from_handle.translation.vector;
-        let moment = (origin - self.hinge().push(is.lever_height)).cross(force).z + torque.z;
+        let moment = (origin - self.hinge().push(is.lever.height)).cross(force).z + torque.z;
         let closer = if self.angle > 0.0 { is.closer + is.closer_rate * self.angle } else { 0.0 };
         let friction = is.viscosity * self.rate + is.friction * (self.rate / 0.01).tanh();
         let mut leaf = self.sense() * moment - friction - closer;
-        let is_out = self.lever < is.latch_angle || is.lock == Lock::Locked;
-        let caught = self.caught.or((self.angle < is.latch_play).then_some(self.angle)).filter(|_| is_out);
+        let is_out = self.lever < is.latch.angle || is.lock == Lock::Locked;
+        let caught = self.caught.or((self.angle < is.latch.play).then_some(self.angle)).filter(|_| is_out);
         self.caught = caught.map(|least| least.min(self.angle).max(0.0));
         // How far the leaf strains the frame, or the latch.
         let strain = if self.angle < 0.0 { Some(self.angle) } else { self.caught.map(|least| self.angle - least) };
         if let Some(strain) = strain.filter(|strain| *strain != 0.0) {
-            leaf -= is.latch_stiffness * strain + is.latch_damping * self.rate;
+            leaf -= is.latch.stiffness * strain + is.latch.damping * self.rate;
         }
         let mut lever = ((origin - handle.axis).cross(force) + torque * FINGERS_TURN).dot(&self.lever_axis());
-        lever -= is.lever_torque + is.lever_rate * self.lever + 0.05 * self.lever_rate;
+        lever -= is.lever.torque + is.lever.rate * self.lever + 0.05 * self.lever_rate;
         if self.lever < 0.0 {
-            lever += is.lever_torque - 400.0 * self.lever - self.lever_rate;
-        } else if self.lever > is.lever_stop {
-            lever -= 400.0 * (self.lever - is.lever_stop) + self.lever_rate;
+            lever += is.lever.torque - 400.0 * self.lever - self.lever_rate;
+        } else if self.lever > is.lever.stop {
+            lever -= 400.0 * (self.lever - is.lever.stop) + self.lever_rate;
         }
         self.rate += dt * leaf / is.inertia;
         self.angle += dt * self.rate;

@@ -1,17 +1,19 @@
 //! Robot, hand and door together, one millisecond at a time.
 
+use super::arm::Arm;
+use super::base::{Base, Motion};
 use super::body::{Body, Load, Wall, Yielding};
 use super::camera::Camera;
-use super::contact::{Grasp, Hand, Push};
-use super::door::{Door, Handle};
-use super::drive::{Drive, Limits};
+use super::contact::{Hand, Push};
+use super::door::Door;
+use super::fault::Active;
 use super::force_torque::ForceTorque;
+use super::gripper::Gripper;
 use super::laser;
 use super::room::{self, walls};
-use super::setup::{Machine, Setup, Turned};
-use crate::control::caster::{self, Casters, Pose};
-use crate::control::puma560::{self, Joints};
-use crate::control::ramp::towards;
+use super::setup::{Machine, Setup};
+use crate::control::caster::{Casters, Pose};
+use crate::control::puma560;
 use crate::control::redundancy;
 use crate::sdk::Random;
 use comms::logic::time::Time;
@@ -21,19 +23,11 @@ use std::time::Duration;
 /// The duration of one step.
 pub const STEP: Duration = Duration::from_millis(1);
 /// The largest distance between the fingers (m).
-pub const GRIP_MAX: f64 = 0.10;
-const DT: f64 = 1e-3;
+pub(super) const DT: f64 = 1e-3;
 /// The acceleration of gravity (m/s²).
 const GRAVITY: f64 = 9.81;
-const GRIP_FORCE_RISE: f64 = 400.0;
-/// The force on the bumper from which the base notices it (N).
+/// The force on its bumper that the base notices (N).
 const BUMPED: f64 = 8.0;
-/// The time in which a visitor's torque on the leaf rises (s), as in a person's push.
-const SHUT_RISE: f64 = 0.2;
-/// The limits of the drives of our base, without their lag.
-const BASE: Limits<3> = Limits { lag: 0.0, acceleration: [1.0, 1.0, 1.5], speed: [0.6, 0.6, 0.7] };
-/// The limits of the drives of our arm, without their lag.
-const ARM: Limits<6> = Limits { lag: 0.0, acceleration: [8.0; 6], speed: puma560::RATES_MAX };
 
 /// Everything that moves.
 #[derive(Clone, Debug)]
@@ -42,43 +36,63 @@ pub struct Plant {
     pub now: Time,
     /// The door.
     pub door: Door,
-    /// The drives of the base: x, y (m/s), yaw (rad/s), base axes.
-    pub base_drive: Drive<3>,
-    /// The drives of the arm (rad/s).
-    pub arm_drive: Drive<6>,
+    /// The base.
+    pub base: Base,
+    /// The arm.
+    pub arm: Arm,
+    /// The gripper.
+    pub gripper: Gripper,
     /// The wrist sensor.
     pub force_torque: ForceTorque,
     /// The generator of all noise.
     pub random: Random,
     setup: Setup,
     camera: Camera,
-    joint_offsets: Joints,
     began: Time,
-    slipping_since: Option<Time>,
-    shutting_since: Option<Time>,
-    turning_since: Option<Time>,
-    /// The rate at which something outside turns the base (rad/s).
-    outside: f64,
-    jumped: bool,
-    lost: bool,
-    base: Pose,
-    joints: Joints,
-    casters: Casters,
-    grip: f64,
-    grip_target: f64,
-    grip_force: f64,
-    grip_force_max: f64,
-    grasp: Grasp,
+    faults: Active,
+    forces: Forces,
+}
+
+/// The forces on the robot in the last step.
+#[derive(Clone, Debug, Default)]
+struct Forces {
+    /// Of the lever on the hand.
     push: Push,
     /// The force of a visitor on the hand (N, world axes).
     visitor: Vector3<f64>,
+    /// How far the drives give way.
     yielding: Yielding,
-    /// The largest force of the last step between the robot and leaf, jambs or walls (N), and that on its bumper.
+    /// The largest force between the robot and leaf, jambs or walls (N), and that on its bumper.
     collision: f64,
     bumper: f64,
     /// The velocity of the hand in the previous step (m/s), for the inertia of a payload.
     hand_velocity: Option<Vector3<f64>>,
-    limits_hit: u32,
+}
+
+impl Forces {
+    /// Finds the collisions and forces on the robot, and how far its drives give way.
+    fn step(&mut self, body: &Body, hand: &Hand, machine: &Machine, walls: &[Wall], door: &mut Door) {
+        let at = hand.world_from_tool.translation.vector;
+        let mut loads = vec![Load { at, force: self.push.force + self.visitor, torque: self.push.torque, joints: 6 }];
+        (self.collision, self.bumper) = (0.0, 0.0);
+        for hit in body.hits(walls) {
+            if hit.wall == room::LEAF {
+                door.push_leaf(&hit.at, &-hit.load.force.xy(), DT);
+            }
+            let force = hit.load.force.norm();
+            self.collision = self.collision.max(force);
+            self.bumper = if hit.load.joints == 0 { self.bumper.max(force) } else { self.bumper };
+            loads.push(hit.load);
+        }
+        self.yielding = body.yielding(machine, &loads);
+    }
+
+    /// The force of a payload (kg) on the hand (N, world axes): its weight and its inertia.
+    fn payload(&mut self, hand: &Hand, mass: f64) -> Vector3<f64> {
+        let before = self.hand_velocity.replace(hand.velocity).unwrap_or(hand.velocity);
+        let acceleration = (hand.velocity - before) / DT;
+        -(acceleration + Vector3::z() * GRAVITY) * mass
+    }
 }
 
 impl Plant {
@@ -87,7 +101,7 @@ impl Plant {
         let mut random = Random::new(setup.seed);
         let mut off = |span: f64| random.between(-span, span) * setup.start.spread;
         let start = &setup.start;
-        let base = Pose::new(-start.distance + off(0.08), start.aside + off(0.06), start.yaw + off(0.05));
+        let pose = Pose::new(-start.distance + off(0.08), start.aside + off(0.06), start.yaw + off(0.05));
         let force_torque = ForceTorque::new(setup.sensors.force(), &mut random);
         let casters = Casters::from_fn(|i, _| if i < 4 { random.between(-3.0, 3.0) } else { 0.0 });
         // Calibrations are drawn separately, so that the noise is the same in worlds with and without errors.
@@ -97,52 +111,23 @@ impl Plant {
         Self {
             now,
             door: Door::new(setup.door),
-            base_drive: Drive::new(base_limits(&setup.machine)),
-            arm_drive: Drive::new(arm_limits(&setup.machine)),
+            base: Base::new(&setup.machine, pose, casters),
             force_torque,
             random,
             camera: setup.sensors.camera(&mut calibration),
-            joint_offsets: setup.sensors.joint_offsets(&mut calibration),
-            grasp: Grasp::new(setup.contact),
+            arm: Arm::new(&setup.machine, joints, setup.sensors.joint_offsets(&mut calibration)),
+            gripper: Gripper::new(&setup.machine, setup.contact),
+            faults: Active::new(setup.faults, now),
             setup,
             began: now,
-            slipping_since: None,
-            shutting_since: None,
-            turning_since: None,
-            outside: 0.0,
-            jumped: false,
-            lost: false,
-            base,
-            joints,
-            casters,
-            grip: 0.0,
-            grip_target: 0.0,
-            grip_force: 0.0,
-            grip_force_max: setup.machine.grip_force,
-            push: Push::default(),
-            visitor: Vector3::zeros(),
-            yielding: Yielding::default(),
-            collision: 0.0,
-            bumper: 0.0,
-            hand_velocity: None,
-            limits_hit: 0,
+            forces: Forces::default(),
         }
-    }
-
-    /// Returns the pose of the base in the world frame: x, y (m), yaw (rad).
-    pub fn base(&self) -> &Pose {
-        &self.base
-    }
-
-    /// Returns the angles from the encoders of the arm (rad).
-    pub fn encoders(&self) -> Joints {
-        self.joints + self.joint_offsets
     }
 
     /// Returns one sweep of the laser (m).
     pub fn sweep(&mut self) -> Vec<f64> {
         let room = room::stretches(&self.setup.room, &self.door, self.time());
-        laser::sweep(&self.base, &room, &self.setup.sensors.laser(), &mut self.random)
+        laser::sweep(self.base.pose(), &room, &self.setup.sensors.laser(), &mut self.random)
     }
 
     /// Returns the marks that the camera finds in one image: column, row (px) and depth (m) of each.
@@ -150,12 +135,7 @@ impl Plant {
         self.camera.look(&self.hand().world_from_tool, &self.door.handle(), &mut self.random)
     }
 
-    /// Returns whether the fingers hold the lever.
-    pub fn holds(&self) -> bool {
-        self.grasp.holds()
-    }
-
-    /// Returns the time since the start (s).
+    /// The time since the start (s).
     fn time(&self) -> f64 {
         self.now.since(self.began).as_secs_f64()
     }
@@ -167,40 +147,35 @@ impl Plant {
 
     /// Returns the readings of the casters' encoders (rad).
     pub fn casters(&self) -> Casters {
-        let mut casters = self.casters;
-        casters[0] += if self.jumped { self.setup.faults.jump.by } else { 0.0 };
+        let mut casters = *self.base.casters();
+        casters[0] += self.faults.jump();
         casters
     }
 
     /// Returns the distance between the fingers that the gripper reports (m), and the force with which they press (N).
-    pub fn grip_said(&self) -> (f64, f64) {
+    pub fn width_reported(&self) -> f64 {
         let says = self.setup.sensors.grip_says;
-        (if says < 0.0 { self.grip } else { says }, self.grip_force)
-    }
-
-    /// Returns the distance between the fingers (m) and the force with which they press (N).
-    pub fn grip(&self) -> (f64, f64) {
-        (self.grip, self.grip_force)
+        if says < 0.0 { self.gripper.width() } else { says }
     }
 
     /// Returns the force on the hand from contacts and from a person who pushes it (N), world axes.
     pub fn force(&self) -> Vector3<f64> {
-        self.push.force + self.visitor
+        self.forces.push.force + self.forces.visitor
     }
 
     /// Returns the largest force between the robot's body and leaf, jambs or walls (N).
     pub fn collision(&self) -> f64 {
-        self.collision
+        self.forces.collision
     }
 
     /// Returns whether the bumper around the base is pressed.
     pub fn bumped(&self) -> bool {
-        self.bumper > BUMPED
+        self.forces.bumper > BUMPED
     }
 
     /// Returns the distance from the base to leaf, jambs and walls (m).
     pub fn base_room(&self) -> f64 {
-        Body::new(&self.base, &self.joints).base_room(&self.walls())
+        self.body().base_room(&self.walls())
     }
 
     /// Returns the rates of the joints (rad/s), as the encoders measure them.
@@ -211,33 +186,22 @@ impl Plant {
     /// Returns the rates of the axes: the commands of the drives, and the effect of forces.
     fn rates(&self) -> redundancy::Rates {
         let driven = redundancy::Rates::from_fn(|i, _| {
-            if i < 3 { self.base_drive.velocity[i] } else { self.arm_drive.velocity[i - 3] }
+            if i < 3 { self.base.drive.velocity[i] } else { self.arm.drive.velocity[i - 3] }
         });
-        driven + self.yielding.droop + self.yielding.excess
+        driven + self.forces.yielding.droop + self.forces.yielding.excess
     }
 
-    /// Returns in how many steps a joint was stopped at its limit.
-    pub fn limits_hit(&self) -> u32 {
-        self.limits_hit
-    }
-
-    /// Sends the fingers to a width (m). They press with no more than `force` (N), and no more than they can. Numbers
-    /// that are not finite are ignored.
-    pub fn grip_to(&mut self, width: f64, force: f64) {
-        if !width.is_finite() || !force.is_finite() {
-            return;
-        }
-        self.grip_target = width.clamp(0.0, GRIP_MAX);
-        self.grip_force_max = force.clamp(0.0, self.setup.machine.grip_force);
+    fn body(&self) -> Body {
+        Body::new(self.base.pose(), self.arm.joints())
     }
 
     /// Returns pose and motion of the hand in the world frame.
     pub fn hand(&self) -> Hand {
-        let forward = puma560::forward(&self.joints);
-        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.base.z);
-        let world_from_base = Isometry3::from_parts(Vector3::new(self.base.x, self.base.y, 0.0).into(), yaw);
+        let (forward, pose) = (puma560::forward(self.arm.joints()), self.base.pose());
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), pose.z);
+        let world_from_base = Isometry3::from_parts(Vector3::new(pose.x, pose.y, 0.0).into(), yaw);
         let mut rates = self.rates();
-        rates[2] += self.outside;
+        rates[2] += self.faults.turn();
         let twist = redundancy::jacobian_in_base(&forward) * rates;
         Hand {
             world_from_tool: world_from_base * forward.base_from_tool,
@@ -251,176 +215,70 @@ impl Plant {
     pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());
-        self.lost |= self.door.angle >= self.setup.faults.lose_at;
-        self.jumped |= self.door.angle >= self.setup.faults.jump.at;
-        self.outside = self.turned_outside();
-        if self.lost {
-            self.grasp.release();
+        self.faults.look(&self.door, self.now);
+        if self.faults.has_lost() {
+            self.gripper.release();
         }
-        self.push = self.grasp.push(&hand, &handle);
-        self.visitor = *visitor;
-        let share = self.shut_share();
-        self.door.push_shut(share * self.setup.faults.shut_torque, DT);
-        self.door.step(&-self.push.force, &-self.push.torque, DT);
-        self.step_body(&hand, visitor);
+        (self.forces.push, self.forces.visitor) = (self.gripper.push(&hand, &handle), *visitor);
+        let push = self.forces.push;
+        self.door.push_shut(self.faults.shut_torque(self.now), DT);
+        self.door.step(&-push.force, &-push.torque, DT);
+        let (body, walls) = (self.body(), self.walls());
+        self.forces.step(&body, &hand, &self.setup.machine, &walls, &mut self.door);
         self.step_robot();
-        self.step_grip(&hand, &handle);
+        let thickness = self.setup.door.lever.thickness;
+        if self.faults.has_lost() {
+            self.gripper.step_without(thickness);
+        } else {
+            self.gripper.step(&hand, &handle, thickness);
+        }
         let tool_from_world = hand.world_from_tool.rotation.inverse();
-        let load = self.load(&hand);
-        let force = tool_from_world * (self.push.force + visitor + load);
-        let torque = tool_from_world * self.push.torque;
+        let load = self.forces.payload(&hand, self.setup.machine.payload);
+        let force = tool_from_world * (push.force + visitor + load);
+        let torque = tool_from_world * push.torque;
         self.force_torque.step(&[force.x, force.y, force.z, torque.x, torque.y, torque.z], DT);
     }
 
-    /// The force of a payload on the hand (N, world axes): its weight and its inertia.
-    fn load(&mut self, hand: &Hand) -> Vector3<f64> {
-        let before = self.hand_velocity.replace(hand.velocity).unwrap_or(hand.velocity);
-        let acceleration = (hand.velocity - before) / DT;
-        -(acceleration + Vector3::z() * GRAVITY) * self.setup.machine.payload
-    }
-
-    /// Returns whether the wheels turn on the spot.
-    fn slips(&mut self) -> bool {
-        let faults = &self.setup.faults;
-        let is_time = self.now.since(self.began).as_secs_f64() >= faults.base_slip.time;
-        let is_pressed = self.door.lever >= faults.base_slip.lever || self.door.angle >= faults.base_slip.door;
-        if self.slipping_since.is_none() && (is_time || is_pressed) {
-            self.slipping_since = Some(self.now);
-        }
-        self.slipping_since.is_some_and(|since| self.now.since(since).as_secs_f64() < faults.base_slip_for)
-    }
-
-    /// Returns the rate at which something outside turns the base (rad/s).
-    fn turned_outside(&mut self) -> f64 {
-        let Turned { at, rate, span } = self.setup.faults.turned;
-        if self.turning_since.is_none() && self.door.angle >= at {
-            self.turning_since = Some(self.now);
-        }
-        let turns = self.turning_since.is_some_and(|since| self.now.since(since).as_secs_f64() < span);
-        if turns { rate } else { 0.0 }
-    }
-
-    /// Returns the share of its full torque with which a visitor leans on the leaf.
-    fn shut_share(&mut self) -> f64 {
-        let faults = &self.setup.faults;
-        if self.shutting_since.is_none() && self.door.angle >= faults.shut_at {
-            self.shutting_since = Some(self.now);
-        }
-        let since = self.shutting_since.map(|since| self.now.since(since).as_secs_f64());
-        since.filter(|since| *since < faults.shut_for).map_or(0.0, |since| (since / SHUT_RISE).min(1.0))
-    }
-
-    /// Finds the collisions and forces on the robot, and how far its drives give way.
-    fn step_body(&mut self, hand: &Hand, visitor: &Vector3<f64>) {
-        let body = Body::new(&self.base, &self.joints);
-        let at = hand.world_from_tool.translation.vector;
-        let mut loads = vec![Load { at, force: self.push.force + visitor, torque: self.push.torque, joints: 6 }];
-        (self.collision, self.bumper) = (0.0, 0.0);
-        for hit in body.hits(&self.walls()) {
-            if hit.wall == room::LEAF {
-                self.door.push_leaf(&hit.at, &-hit.load.force.xy(), DT);
-            }
-            let force = hit.load.force.norm();
-            self.collision = self.collision.max(force);
-            self.bumper = if hit.load.joints == 0 { self.bumper.max(force) } else { self.bumper };
-            loads.push(hit.load);
-        }
-        self.yielding = body.yielding(&self.setup.machine, &loads);
-    }
-
     fn step_robot(&mut self) {
-        self.base_drive.step(self.now, DT);
-        self.arm_drive.step(self.now, DT);
+        self.base.drive.step(self.now, DT);
+        self.arm.drive.step(self.now, DT);
         let rates = self.rates();
-        let body: Vector3<f64> = rates.fixed_rows::<3>(0).into();
-        if !self.slips() {
-            self.base = caster::advance(&self.base, &(body * DT));
-        }
-        self.base.z += self.outside * DT;
-        // Beyond their traction the wheels slide, and their encoders do not measure this.
-        let rolled = body - self.yielding.excess.fixed_rows::<3>(0);
-        let steering = std::array::from_fn(|i| self.casters[i]);
-        let radius = caster::WHEEL_RADIUS / (1.0 + self.setup.machine.wheel_error);
-        self.casters += caster::rates_from_body(&steering, radius) * rolled * DT;
-        let wanted = self.joints + rates.fixed_rows::<6>(3) * DT;
-        self.joints = wanted.zip_zip_map(&puma560::lowest(), &puma560::highest(), f64::clamp);
-        if (self.joints - wanted).amax() > 0.0 {
-            self.limits_hit += 1;
-        }
-    }
-
-    /// Moves the fingers. They stop at the lever if it is between them.
-    fn step_grip(&mut self, hand: &Hand, handle: &Handle) {
-        let next = towards(self.grip, self.grip_target, self.setup.machine.grip_speed * DT);
-        let thickness = self.setup.door.lever_thickness;
-        // Fingers that have lost a lever close to its thickness; they can hold it again only once they have opened.
-        let closes = self.grip > thickness && next <= thickness || self.grasp.holds() && next < thickness;
-        if closes && !self.lost && (self.grasp.holds() || self.grasp.reaches(hand, handle)) {
-            if !self.grasp.holds() {
-                self.grasp.take(hand, handle);
-            }
-            self.grip = thickness;
-            self.grip_force = towards(self.grip_force, self.grip_force_max, GRIP_FORCE_RISE * DT);
-            self.grasp.centre(hand, handle, self.grip_force);
-            return;
-        }
-        if next > thickness || !self.grasp.holds() {
-            self.grasp.release();
-        }
-        self.grip = next;
-        // If the fingers closed on nothing, they press against each other.
-        self.grip_force = if next <= 0.0 { self.grip_force_max } else { 0.0 };
-    }
-}
-
-fn base_limits(machine: &Machine) -> Limits<3> {
-    Limits {
-        lag: machine.base_lag,
-        acceleration: BASE.acceleration.map(|most| most * machine.base_acceleration),
-        speed: BASE.speed.map(|most| most * machine.base_speed),
-    }
-}
-
-fn arm_limits(machine: &Machine) -> Limits<6> {
-    Limits {
-        lag: machine.arm_lag,
-        acceleration: ARM.acceleration.map(|most| most * machine.arm_acceleration),
-        speed: ARM.speed.map(|most| most * machine.arm_speed),
+        self.base.advance(&Motion {
+            body: rates.fixed_rows::<3>(0).into(),
+            slid: self.forces.yielding.excess.fixed_rows::<3>(0).into(),
+            slips: self.faults.slips(&self.door, self.now),
+            turned: self.faults.turn(),
+        });
+        self.arm.advance(&rates.fixed_rows::<6>(3).into());
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::gripper::GRIP_MAX;
     use super::*;
-    use crate::control::caster::Odometry;
+    use crate::control::caster::{self, Odometry};
 
     #[test]
     fn odometry_believes_too_much_by_the_error_of_the_wheels() {
         for wheel_error in [0.01, -0.05] {
             let machine = Machine { wheel_error, ..Machine::default() };
             let mut plant = Plant::new(Setup { seed: 1, machine, ..Setup::default() }, Time::ZERO);
-            let (start, mut odometry) = (*plant.base(), Odometry::default());
+            let (start, mut odometry) = (*plant.base.pose(), Odometry::default());
             let mut calibrated = Odometry::new(caster::WHEEL_RADIUS / (1.0 + wheel_error));
             for i in 0..3000 {
-                plant.base_drive.command(Some(&[-0.2, 0.1, 0.0]), plant.now);
+                plant.base.drive.command(Some(&[-0.2, 0.1, 0.0]), plant.now);
                 plant.step(&Vector3::zeros());
                 if i % 8 == 0 {
                     odometry.update(&plant.casters());
                     calibrated.update(&plant.casters());
                 }
             }
-            let truth = (plant.base().xy() - start.xy()).norm();
+            let truth = (plant.base.pose().xy() - start.xy()).norm();
             // First the casters swing round, which adds a little.
             assert!((odometry.pose().xy().norm() / truth - 1.0 - wheel_error).abs() < 0.005);
             // Measured wheel sizes give the right distance.
             assert!((calibrated.pose().xy().norm() / truth - 1.0).abs() < 0.005);
-        }
-    }
-
-    #[test]
-    fn the_base_has_the_acceleration_that_the_controllers_count_on() {
-        for (has, believed) in BASE.acceleration.iter().zip(redundancy::BASE_ACCELERATION_MAX) {
-            assert!((has - believed).abs() < 1e-12);
         }
     }
 
@@ -438,7 +296,7 @@ mod tests {
                 torque: Vector3::zeros(),
                 joints: 6,
             };
-            let torques = Body::new(&plant.base, &plant.joints).torques(&load);
+            let torques = plant.body().torques(&load);
             taken += torques.dot(&plant.rates()) * DT;
         }
         let moved = plant.hand().world_from_tool.translation.vector - before;
@@ -453,12 +311,12 @@ mod tests {
         let start = super::super::setup::Start { distance: 1.3, aside: 2.0, yaw: 0.0, spread: 0.0, wrist: 0.0 };
         let mut plant = Plant::new(Setup { seed: 1, start, ..Setup::default() }, Time::ZERO);
         for _ in 0..4000 {
-            plant.base_drive.command(Some(&[0.0, 0.3, 0.0]), plant.now);
+            plant.base.drive.command(Some(&[0.0, 0.3, 0.0]), plant.now);
             plant.step(&Vector3::zeros());
         }
         // The side wall is at 2.5 m, and the base's radius is 0.31 m. Its bumper is pressed by the force that slides
         // its wheels: 200 N, and 150 N for sliding at 0.3 m/s. This gives 45 mm at 2 N/mm, and 12 mm more at 22 N/mm.
-        assert!((plant.base().y - (2.5 - 0.31 + 0.0568)).abs() < 2e-3, "{}", plant.base());
+        assert!((plant.base.pose().y - (2.5 - 0.31 + 0.0568)).abs() < 2e-3, "{}", plant.base.pose());
         assert!((plant.collision() - 350.0).abs() < 25.0, "{}", plant.collision());
     }
 
@@ -466,9 +324,9 @@ mod tests {
     fn at_the_lever() -> Plant {
         let hand = puma560::forward(&puma560::door_posture()).base_from_tool.translation.vector;
         let mut setup = Setup { seed: 1, ..Setup::default() };
-        setup.start.distance = hand.x + setup.door.lever_standoff;
+        setup.start.distance = hand.x + setup.door.lever.standoff;
         (setup.start.aside, setup.start.yaw, setup.start.spread) = (-hand.y, 0.0, 0.0);
-        (setup.door.lever_height, setup.contact.slip_force) = (hand.z, 10.0);
+        (setup.door.lever.height, setup.contact.slip_force) = (hand.z, 10.0);
         Plant::new(setup, Time::ZERO)
     }
 
@@ -476,26 +334,26 @@ mod tests {
     fn a_lever_that_has_slipped_out_is_not_held_again_before_the_fingers_open() {
         let mut plant = at_the_lever();
         let grip = |plant: &mut Plant, width: f64| {
-            plant.grip_to(width, 40.0);
+            plant.gripper.close_to(width, 40.0);
             let mut held = false;
             for _ in 0..1500 {
                 plant.step(&Vector3::zeros());
-                held |= plant.holds();
+                held |= plant.gripper.holds();
             }
             held
         };
         assert!(!grip(&mut plant, GRIP_MAX), "the fingers are open");
-        assert!(grip(&mut plant, 0.0) && plant.holds(), "the fingers are closed");
-        while plant.holds() {
+        assert!(grip(&mut plant, 0.0) && plant.gripper.holds(), "the fingers are closed");
+        while plant.gripper.holds() {
             assert!(plant.now < Time::ZERO + Duration::from_secs(6), "it does not slip");
-            plant.base_drive.command(Some(&[-0.05, 0.0, 0.0]), plant.now);
+            plant.base.drive.command(Some(&[-0.05, 0.0, 0.0]), plant.now);
             plant.step(&Vector3::zeros());
         }
         // The lever is a millimetre or two away, still well within reach, and the fingers continue to close.
-        assert!(plant.grasp.reaches(&plant.hand(), &plant.door.handle()));
-        assert!(!grip(&mut plant, 0.0) && plant.grip().0 <= 0.0, "{:?}", plant.grip());
+        assert!(plant.gripper.reaches(&plant.hand(), &plant.door.handle()));
+        assert!(!grip(&mut plant, 0.0) && plant.gripper.width() <= 0.0, "{}", plant.gripper.width());
         assert!(!grip(&mut plant, GRIP_MAX));
-        assert!(plant.grasp.reaches(&plant.hand(), &plant.door.handle()));
+        assert!(plant.gripper.reaches(&plant.hand(), &plant.door.handle()));
         assert!(grip(&mut plant, 0.0), "fingers that have opened hold it again");
     }
 

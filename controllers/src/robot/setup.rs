@@ -1,6 +1,7 @@
 //! The setup of a simulated world: everything that differs from world to world. SI units throughout.
 
 use super::camera::Camera;
+use super::drive::Limits;
 use super::{contact, door, force_torque, laser, room};
 use crate::control::puma560::Joints;
 use crate::sdk::Random;
@@ -30,10 +31,10 @@ pub struct Setup {
 /// The description of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Machine {
-    /// Time constant of the base's drives (s).
-    pub base_lag: f64,
-    /// Time constant of the arm's drives (s).
-    pub arm_lag: f64,
+    /// The drives of the base.
+    pub base: Drives,
+    /// The drives of the arm.
+    pub arm: Drives,
     /// By which share the odometry believes too much, because the wheels are smaller than it believes.
     pub wheel_error: f64,
     /// The mass beyond the wrist sensor that the robot does not know (kg).
@@ -44,34 +45,44 @@ pub struct Machine {
     pub torque_limit: f64,
     /// The force at which the base's wheels begin to slip (N).
     pub traction: f64,
-    /// A factor on the top speed and the acceleration of the base.
-    pub base_speed: f64,
-    /// See above.
-    pub base_acceleration: f64,
-    /// The same of the arm's joints.
-    pub arm_speed: f64,
-    /// See above.
-    pub arm_acceleration: f64,
     /// The largest force of the fingers (N).
     pub grip_force: f64,
     /// The speed at which they close and open (m/s).
     pub grip_speed: f64,
 }
 
+/// The description of the drives of base or arm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drives {
+    /// Time constant (s).
+    pub lag: f64,
+    /// A factor on the top speed.
+    pub speed: f64,
+    /// A factor on the acceleration.
+    pub acceleration: f64,
+}
+
+impl Drives {
+    /// Returns the limits of drives whose nominal limits are these.
+    pub fn limits<const N: usize>(&self, nominal: &Limits<N>) -> Limits<N> {
+        Limits {
+            lag: self.lag,
+            acceleration: nominal.acceleration.map(|most| most * self.acceleration),
+            speed: nominal.speed.map(|most| most * self.speed),
+        }
+    }
+}
+
 impl Default for Machine {
     fn default() -> Self {
         Self {
-            base_lag: 0.08,
-            arm_lag: 0.02,
+            base: Drives { lag: 0.08, speed: 1.0, acceleration: 1.0 },
+            arm: Drives { lag: 0.02, speed: 1.0, acceleration: 1.0 },
             wheel_error: 0.01,
             payload: 0.0,
             droop: 1.0,
             torque_limit: 1.0,
             traction: 200.0,
-            base_speed: 1.0,
-            base_acceleration: 1.0,
-            arm_speed: 1.0,
-            arm_acceleration: 1.0,
             grip_force: 40.0,
             grip_speed: 0.12,
         }

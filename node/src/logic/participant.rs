@@ -41,6 +41,7 @@ use crate::logic::protocol::{
 pub(in crate::logic) use activation::gone;
 use activation::{Activation, Activations};
 use comms::logic::control::{Dial, MessageFate, Notice, Order, PortMessage};
+use comms::logic::switch::Flip;
 use comms::logic::time::Time;
 use external::Externals;
 pub use external::{Seen, Wanted};
@@ -229,8 +230,7 @@ impl Participant {
             ToParticipant::Stop { target, activation } => self.stop(target, activation, out),
             ToParticipant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
             ToParticipant::Switch { wires, open, group, generation } => {
-                let asked = Asked { group, generation, host: from.to_owned() };
-                self.links.flip(&self.site, &self.processes, outside_of_switch(&wires, open), asked, out);
+                self.flip(outside_of_switch(&wires, open), Asked { group, generation, host: from.to_owned() }, out);
             }
             ToParticipant::Switched { group, generation } => {
                 self.tell_executer(group, out, |executer, at, out| executer.switched(generation, at, out));
@@ -238,6 +238,9 @@ impl Participant {
             ToParticipant::Flip { group, generation, flip } => {
                 let asked = Asked { group, generation, host: from.to_owned() };
                 self.links.flip(&self.site, &self.processes, flip, asked, out);
+            }
+            ToParticipant::Expect { group, leaf, expect } => {
+                self.expect(ExpectedSwitch { group, leaf, expect, then: None }, from, out);
             }
             ToParticipant::Expect { group, leaf, expect } => {
                 self.expect(ExpectedSwitch { group, leaf, expect, then: None }, from, out);
@@ -254,12 +257,7 @@ impl Participant {
             | ToParticipant::Succeeding { .. }
             | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
             ToParticipant::Tell { group, told, by, call } => self.tell_activity(group, &told, by.as_deref(), call, out),
-            ToParticipant::Loose { target, hosts } => {
-                let Some((group, slot)) = self.site.supervisor(target) else { return };
-                self.tell_executer(group, out, |executer, at, out| {
-                    executer.loosened(slot, hosts.into_iter().collect(), at, out);
-                });
-            }
+            ToParticipant::Loose { target, hosts } => self.loosened(target, hosts, out),
             ToParticipant::Cleared { host } => {
                 self.each_executer(out, |executer, at, out| executer.host_cleared(&host, at, out));
             }
@@ -268,11 +266,7 @@ impl Participant {
                 self.with_executer(group, out, |executer, at, out| executer.member_restarted(slot, &cause, at, out));
             }
             ToParticipant::Repeat { wires } => self.links.repeat(&self.site, &self.processes, &wires, from, out),
-            ToParticipant::Renew { leaves, with } => {
-                for leaf in leaves {
-                    self.with_instance(leaf, out, |instance, context| instance.renew(&with, context));
-                }
-            }
+            ToParticipant::Renew { leaves, with } => self.renew(&leaves, &with, out),
             // The agent has already taken the programs that a change starts: `take_change`.
             ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}
             ToParticipant::Moved { facts } => {
@@ -281,6 +275,19 @@ impl Participant {
                 }
             }
         }
+    }
+
+    /// Tells a supervisor of this host which hosts may still do something for a member that has ended.
+    fn loosened(&mut self, target: Target, hosts: Vec<String>, out: &mut Out<'_>) {
+        let Some((group, slot)) = self.site.supervisor(target) else { return };
+        self.tell_executer(group, out, |executer, at, out| {
+            executer.loosened(slot, hosts.into_iter().collect(), at, out);
+        });
+    }
+
+    /// Flips wires whose producers are here, for a supervisor.
+    fn flip(&mut self, flip: Flip, asked: Asked, out: &mut Out<'_>) {
+        self.links.flip(&self.site, &self.processes, flip, asked, out);
     }
 
     /// Passes a message about a switch on to a supervisor of this host.

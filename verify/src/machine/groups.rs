@@ -1,8 +1,8 @@
 //! The rules of a group: `using`, and the messages between groups.
 
 use super::writer::{
-    ABORTED, DELIVER, DONE, GRANT, GroupVars, IDLE, Link, Node, OVER, REPORT, REST, RUNNING, RUNS, SETTLE, START, STOP,
-    STOPPED, STOPPING, Sets, Use, Writer,
+    ABORTED, Current, DELIVER, DONE, GRANT, GroupVars, IDLE, Link, Node, OVER, REPORT, REST, RUNNING, RUNS, SETTLE,
+    START, STOP, STOPPED, STOPPING, Sets, Use, Writer,
 };
 use super::{Term, Test, Var};
 use language::plan::{Expression, Group};
@@ -10,26 +10,24 @@ use language::plan::{Expression, Group};
 impl Writer<'_> {
     /// Returns the group of the plan that is being written.
     pub(super) fn source(&self) -> &Group {
-        &self.model.plan.groups[self.group]
+        &self.model.plan.groups[self.current.group]
     }
 
     pub(super) fn group(&mut self, group: usize) -> Node {
-        (self.group, self.timers) = (group, 0);
-        self.uses.clear();
-        self.held.clear();
+        self.current = Current { group, ..Current::default() };
         let model = self.model;
         let root = self.write(&model.plan.groups[group].expression, None);
-        for index in 0..self.uses.len() {
+        for index in 0..self.current.uses.len() {
             self.takes_turns(root, index);
         }
         let waiting = self.groups[group].waiting;
-        self.rule(root, SETTLE, &[Test::Is(self.result, RUNS)], self.todo(root, GRANT, 1));
+        self.rule(root, SETTLE, &[Test::Is(self.control.result, RUNS)], self.todo(root, GRANT, 1));
         let delivers = self.todo(root, DELIVER, 0);
-        self.rule(root, GRANT, &[Test::Less(waiting, self.operand)], delivers.clone());
-        let ends = Test::Not(self.result, RUNS);
+        self.rule(root, GRANT, &[Test::Less(waiting, self.control.operand)], delivers.clone());
+        let ends = Test::Not(self.control.result, RUNS);
         let mut over = delivers;
         if group == 0 {
-            over.push((self.whole, Term::Number(OVER)));
+            over.push((self.control.whole, Term::Number(OVER)));
             self.rule(root, SETTLE, &[ends], over);
             return root;
         }
@@ -37,12 +35,12 @@ impl Writer<'_> {
         over.push((self.groups[group].is_ordered, Term::Number(0)));
         match self.groups[group].travels {
             None => {
-                over.extend(self.deliver(group, Term::Of(self.result), Term::Of(self.value)));
+                over.extend(self.deliver(group, Term::Of(self.control.result), Term::Of(self.control.value)));
                 self.rule(root, SETTLE, &[ends], over);
             }
             Some(travels) => {
                 over.extend(self.sends(travels.report, travels.back));
-                over.extend(self.says(group, Term::Of(self.result), Term::Of(self.value)));
+                over.extend(self.says(group, Term::Of(self.control.result), Term::Of(self.control.value)));
                 let too_late = [over.clone(), self.takes(travels.stop, travels.link)].concat();
                 self.rule(root, SETTLE, &[ends.clone(), Test::Not(travels.stop, 0)], too_late);
                 self.rule(root, SETTLE, &[ends, Test::Is(travels.stop, 0)], over);
@@ -54,26 +52,26 @@ impl Writer<'_> {
     /// `using`. Phases: 1 it waits; 2 it has its resources. The other rules are written once every `using` of the
     /// group is known.
     pub(super) fn using(&mut self, node: Node, resources: &[String], of: &Expression) {
-        let number = self.uses.len();
+        let number = self.current.uses.len();
         let place = self.own(node, "place", self.nodes as usize + number + 1);
         let kept = self.own(node, "kept", self.tags.len());
         for resource in resources {
-            if self.held.iter().all(|(name, _)| name != resource) {
-                let held = self.machine.variable(format!("g{}_held{}", self.group, self.held.len()), 1);
-                self.held.push((resource.clone(), held));
+            if self.current.held.iter().all(|(name, _)| name != resource) {
+                let held = self.machine.variable(format!("g{}_held{}", self.current.group, self.current.held.len()), 1);
+                self.current.held.push((resource.clone(), held));
             }
         }
         let inner = self.write(of, Some((node, 0)));
-        self.uses.push(Use { node, place, kept, takes: resources.to_vec(), inner });
+        self.current.uses.push(Use { node, place, kept, takes: resources.to_vec(), inner });
     }
 
     /// Writes the rules of the root: a `using` starts at once, waits, gets its turn, and releases its resources.
     fn takes_turns(&mut self, root: Node, index: usize) {
-        let Use { node, place, kept, inner, ref takes } = self.uses[index];
-        let waiting = self.groups[self.group].waiting;
-        let taken = self.held.iter().filter(|(name, _)| takes.contains(name)).map(|(_, held)| *held);
+        let Use { node, place, kept, inner, ref takes } = self.current.uses[index];
+        let waiting = self.groups[self.current.group].waiting;
+        let taken = self.current.held.iter().filter(|(name, _)| takes.contains(name)).map(|(_, held)| *held);
         let taken: Vec<_> = taken.collect();
-        let others = self.uses.iter().filter(|other| other.node.number != node.number);
+        let others = self.current.uses.iter().filter(|other| other.node.number != node.number);
         let places: Vec<_> = others.clone().map(|other| other.place).collect();
         let rivals = others.filter(|other| other.takes.iter().any(|name| takes.contains(name)));
         let rivals: Vec<_> = rivals.map(|rival| rival.place).collect();
@@ -86,23 +84,23 @@ impl Writer<'_> {
         let unwanted = rivals.iter().map(|rival| Test::Is(*rival, 0));
         let at_once = Test::All(free.iter().cloned().chain(unwanted).collect());
         let begins = vec![self.enter(node, 2)];
-        let starts = [begins.clone(), takes.clone(), self.start(inner, Term::Of(self.value))].concat();
+        let starts = [begins.clone(), takes.clone(), self.start(inner, Term::Of(self.control.value))].concat();
         self.rule(node, START, std::slice::from_ref(&at_once), starts);
         let waits = vec![self.enter(node, 1), (place, Term::OneMore(waiting)), (waiting, Term::OneMore(waiting))];
-        let waits = [waits, vec![(kept, Term::Of(self.value))], self.reports(node, RUNS)].concat();
+        let waits = [waits, vec![(kept, Term::Of(self.control.value))], self.reports(node, RUNS)].concat();
         self.rule(node, START, &[Test::Fails(Box::new(at_once))], waits);
 
         let later = |rival: &Var| Test::Any(vec![Test::Is(*rival, 0), Test::Less(place, *rival)]);
         let is_first = Test::All(free.into_iter().chain(rivals.iter().map(later)).collect());
-        let turn = Test::Same(place, self.operand);
+        let turn = Test::Same(place, self.control.operand);
         let granted = [begins, takes, leaves.clone(), self.start(inner, Term::Of(kept))].concat();
         self.rule(root, GRANT, &[turn.clone(), is_first.clone()], granted);
-        let next = vec![(self.operand, Term::OneMore(self.operand))];
+        let next = vec![(self.control.operand, Term::OneMore(self.control.operand))];
         self.rule(root, GRANT, &[turn, Test::Fails(Box::new(is_first))], next);
 
-        self.rule(node, REPORT, &[Test::Is(self.result, RUNS)], self.passes(node));
+        self.rule(node, REPORT, &[Test::Is(self.control.result, RUNS)], self.passes(node));
         let ends = [vec![self.enter(node, IDLE)], frees, self.passes(node)].concat();
-        self.rule(node, REPORT, &[Test::Not(self.result, RUNS)], ends);
+        self.rule(node, REPORT, &[Test::Not(self.control.result, RUNS)], ends);
         let gives_up = [leaves, vec![self.enter(node, IDLE)], self.reports(node, STOPPED)].concat();
         self.rule(node, STOP, &[Test::Is(node.phase, 1)], gives_up);
         self.rule(node, STOP, &[Test::Is(node.phase, 2)], self.stop(inner));
@@ -111,7 +109,10 @@ impl Writer<'_> {
     /// Registers a delivery for a group: that it starts, or its result for the group around it.
     fn deliver(&self, group: usize, result: Term, value: Term) -> Sets {
         let place = self.groups[group].place;
-        let place = vec![(place, Term::OneMore(self.pending)), (self.pending, Term::OneMore(self.pending))];
+        let place = vec![
+            (place, Term::OneMore(self.control.pending)),
+            (self.control.pending, Term::OneMore(self.control.pending)),
+        ];
         [place, self.says(group, result, value)].concat()
     }
 
@@ -151,14 +152,16 @@ impl Writer<'_> {
 
     /// Writes the rules between groups: the start and the stop of the whole, and all messages.
     pub(super) fn between(&mut self, roots: &[Node]) {
-        let starts = [vec![(self.whole, Term::Number(RUNNING))], self.start(roots[0], Term::Number(0))].concat();
-        self.event("start".to_owned(), &[Test::Is(self.whole, 0)], starts);
-        let stops = [vec![(self.whole, Term::Number(STOPPING))], self.stop(roots[0])].concat();
-        self.event("stop".to_owned(), &[Test::Is(self.whole, RUNNING)], stops);
-        let delivers = Test::Is(self.todo, DELIVER);
-        let control = [self.at, self.todo, self.operand, self.result, self.value];
+        let starts =
+            [vec![(self.control.whole, Term::Number(RUNNING))], self.start(roots[0], Term::Number(0))].concat();
+        self.event("start".to_owned(), &[Test::Is(self.control.whole, 0)], starts);
+        let stops = [vec![(self.control.whole, Term::Number(STOPPING))], self.stop(roots[0])].concat();
+        self.event("stop".to_owned(), &[Test::Is(self.control.whole, RUNNING)], stops);
+        let delivers = Test::Is(self.control.todo, DELIVER);
+        let control =
+            [self.control.at, self.control.todo, self.control.operand, self.control.result, self.control.value];
         let rests = control.map(|var| (var, Term::Number(REST))).to_vec();
-        self.change(None, vec![delivers.clone(), Test::Is(self.pending, 0)], rests);
+        self.change(None, vec![delivers.clone(), Test::Is(self.control.pending, 0)], rests);
         for (group, &root) in (0_u32..).zip(roots).skip(1) {
             let (result, value) = (self.groups[group as usize].result, self.groups[group as usize].value);
             let forgets = [result, value].map(|var| (var, Term::Number(0))).to_vec();
@@ -167,7 +170,10 @@ impl Writer<'_> {
                     let place = self.groups[group as usize].place;
                     let others = self.groups.iter().map(|other| other.place).filter(|other| *other != place);
                     let mut takes: Sets = others.map(|other| (other, Term::MovesUp(other, place))).collect();
-                    takes.extend([(self.pending, Term::OneLess(self.pending)), (place, Term::Number(0))]);
+                    takes.extend([
+                        (self.control.pending, Term::OneLess(self.control.pending)),
+                        (place, Term::Number(0)),
+                    ]);
                     takes.extend(forgets);
                     let first = vec![delivers.clone(), Test::Is(place, 1)];
                     let starts = [takes.clone(), self.start(root, Term::Of(value))].concat();

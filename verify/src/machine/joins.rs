@@ -55,10 +55,13 @@ impl Writer<'_> {
             let (mut done, mut aborted) = (Vec::new(), vec![(is_bad, Term::Number(1))]);
             if is_waited_for(service) {
                 done.push((open, Term::OneLess(open)));
-                done.extend((tasks == 1).then_some((join.kept, Term::Of(self.value))));
+                done.extend((tasks == 1).then_some((join.kept, Term::Of(self.control.value))));
             }
             aborted.push((open, if service { Term::Number(0) } else { Term::OneLess(open) }));
-            vec![(vec![Test::Is(self.result, DONE)], done), (vec![Test::Is(self.result, ABORTED)], aborted)]
+            vec![
+                (vec![Test::Is(self.control.result, DONE)], done),
+                (vec![Test::Is(self.control.result, ABORTED)], aborted),
+            ]
         });
         let count = Count { open, is_bad, outcomes: outcomes.collect(), at_first };
         self.counts(&join, &count);
@@ -69,9 +72,12 @@ impl Writer<'_> {
         let join = self.join(node, of);
         let (open, is_bad, at_first) = self.counting(&join, of.len());
         let mut done = vec![(open, Term::OneLess(open))];
-        done.extend((of.len() == 1).then_some((join.kept, Term::Of(self.value))));
+        done.extend((of.len() == 1).then_some((join.kept, Term::Of(self.control.value))));
         let aborted = vec![(is_bad, Term::Number(1)), (open, Term::Number(0))];
-        let each = vec![(vec![Test::Is(self.result, DONE)], done), (vec![Test::Is(self.result, ABORTED)], aborted)];
+        let each = vec![
+            (vec![Test::Is(self.control.result, DONE)], done),
+            (vec![Test::Is(self.control.result, ABORTED)], aborted),
+        ];
         let count = Count { open, is_bad, outcomes: vec![each; of.len()], at_first };
         self.counts(&join, &count);
     }
@@ -83,9 +89,9 @@ impl Writer<'_> {
         let spares = of.len().saturating_sub(count as usize);
         let spare = self.own(node, "spare", spares);
         at_first.push((spare, Term::Number(u32::try_from(spares).unwrap_or(u32::MAX))));
-        let (done, aborted) = (Test::Is(self.result, DONE), Test::Is(self.result, ABORTED));
+        let (done, aborted) = (Test::Is(self.control.result, DONE), Test::Is(self.control.result, ABORTED));
         let mut counts = vec![(open, Term::OneLess(open))];
-        counts.extend((count == 1).then_some((join.kept, Term::Of(self.value))));
+        counts.extend((count == 1).then_some((join.kept, Term::Of(self.control.value))));
         let fails = vec![(is_bad, Term::Number(1)), (open, Term::Number(0))];
         let is_last = Test::All(vec![Test::Is(spare, 0), Test::Not(open, 0)]);
         let each = vec![
@@ -105,7 +111,7 @@ impl Writer<'_> {
         let spares = of.len().saturating_sub(count as usize);
         let spare = self.own(node, "spare", spares);
         at_first.push((spare, Term::Number(u32::try_from(spares).unwrap_or(u32::MAX))));
-        let (done, aborted) = (Test::Is(self.result, DONE), Test::Is(self.result, ABORTED));
+        let (done, aborted) = (Test::Is(self.control.result, DONE), Test::Is(self.control.result, ABORTED));
         let ended = (open, Term::OneLess(open));
         let each = vec![
             (vec![done], vec![ended]),
@@ -120,16 +126,18 @@ impl Writer<'_> {
     fn counts(&mut self, join: &Join, count: &Count) {
         let Join { node, operands, held, kept, given } = join;
         let (node, last) = (*node, operands.len() - 1);
-        let begins = vec![self.enter(node, 1), (*given, Term::Of(self.value))];
-        let begins = [begins, count.at_first.clone(), self.start(operands[0], Term::Of(self.value))].concat();
+        let begins = vec![self.enter(node, 1), (*given, Term::Of(self.control.value))];
+        let begins = [begins, count.at_first.clone(), self.start(operands[0], Term::Of(self.control.value))].concat();
         self.rule(node, START, &[], begins);
-        let weighs =
-            [self.todo(node, WEIGH, 0), vec![(self.value, Term::Number(0)), (self.result, Term::Number(RUNS))]]
-                .concat();
+        let weighs = [
+            self.todo(node, WEIGH, 0),
+            vec![(self.control.value, Term::Number(0)), (self.control.result, Term::Number(RUNS))],
+        ]
+        .concat();
         for (index, outcomes) in count.outcomes.iter().enumerate() {
-            let own = Test::Is(self.operand, u32::try_from(index).unwrap_or(u32::MAX));
+            let own = Test::Is(self.control.operand, u32::try_from(index).unwrap_or(u32::MAX));
             let mut starting = outcomes.clone();
-            starting.push((vec![Test::Is(self.result, RUNS)], Vec::new()));
+            starting.push((vec![Test::Is(self.control.result, RUNS)], Vec::new()));
             for (tests, sets) in starting {
                 let next = operands.get(index + 1).map(|next| self.start(*next, Term::Of(*given)));
                 let sets = [sets, next.unwrap_or_else(|| weighs.clone())].concat();
@@ -141,7 +149,7 @@ impl Writer<'_> {
             }
         }
         debug_assert_eq!(count.outcomes.len(), last + 1, "each operand has its outcomes");
-        self.rule(node, REPORT, &[Test::Is(node.phase, 2), Test::Is(self.result, RUNS)], self.passes(node));
+        self.rule(node, REPORT, &[Test::Is(node.phase, 2), Test::Is(self.control.result, RUNS)], self.passes(node));
         let goes_on = [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat();
         self.rule(node, WEIGH, &[Test::Not(count.open, 0)], goes_on);
         let halts = self.todo(node, HALT, 0);
@@ -159,25 +167,29 @@ impl Writer<'_> {
     /// `P # Q`: the first outcome decides, and the other operands are stopped; later operands do not start any more.
     pub(super) fn disable(&mut self, node: Node, of: &[Expression]) {
         let join = self.join(node, of);
-        let (begins, ends) = (Test::Is(node.phase, 1), Test::Not(self.result, RUNS));
+        let (begins, ends) = (Test::Is(node.phase, 1), Test::Not(self.control.result, RUNS));
         let starts = [
-            vec![self.enter(node, 1), (join.given, Term::Of(self.value))],
-            self.start(join.operands[0], Term::Of(self.value)),
+            vec![self.enter(node, 1), (join.given, Term::Of(self.control.value))],
+            self.start(join.operands[0], Term::Of(self.control.value)),
         ];
         self.rule(node, START, &[], starts.concat());
         for index in 0..join.operands.len() {
-            let own = Test::Is(self.operand, u32::try_from(index).unwrap_or(u32::MAX));
+            let own = Test::Is(self.control.operand, u32::try_from(index).unwrap_or(u32::MAX));
             let sets = match join.operands.get(index + 1) {
                 Some(next) => self.start(*next, Term::Of(join.given)),
                 None => [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat(),
             };
-            self.rule(node, REPORT, &[begins.clone(), own, Test::Is(self.result, RUNS)], sets);
+            self.rule(node, REPORT, &[begins.clone(), own, Test::Is(self.control.result, RUNS)], sets);
         }
-        let first = vec![self.enter(node, 3), (join.held, Term::Of(self.result)), (join.kept, Term::Of(self.value))];
+        let first = vec![
+            self.enter(node, 3),
+            (join.held, Term::Of(self.control.result)),
+            (join.kept, Term::Of(self.control.value)),
+        ];
         let halts = [first, self.todo(node, HALT, 0)].concat();
         let runs = Test::Is(node.phase, 2);
         self.rule(node, REPORT, &[Test::Any(vec![begins, runs.clone()]), ends], halts);
-        self.rule(node, REPORT, &[runs, Test::Is(self.result, RUNS)], self.passes(node));
+        self.rule(node, REPORT, &[runs, Test::Is(self.control.result, RUNS)], self.passes(node));
         self.drains(&join, &[]);
         self.is_stopped(&join);
     }
@@ -192,13 +204,13 @@ impl Writer<'_> {
         ends.extend(cleared.iter().copied());
         ends.extend(self.report(node, Term::Of(*held), Term::Of(*kept)));
         for (index, operand) in operands.iter().enumerate() {
-            let own = Test::Is(self.operand, number(index));
-            let next = vec![(self.operand, Term::Number(number(index + 1)))];
+            let own = Test::Is(self.control.operand, number(index));
+            let next = vec![(self.control.operand, Term::Number(number(index + 1)))];
             self.rule(node, HALT, &[own.clone(), Test::Is(operand.phase, IDLE)], next);
             self.rule(node, HALT, &[own.clone(), Test::Not(operand.phase, IDLE)], self.stop(*operand));
             self.rule(node, REPORT, &[own, Test::Is(node.phase, 3)], self.todo(node, HALT, number(index + 1)));
         }
-        let is_through = Test::Is(self.operand, number(operands.len()));
+        let is_through = Test::Is(self.control.operand, number(operands.len()));
         let waits = [vec![self.enter(node, 4)], self.reports(node, RUNS)].concat();
         self.rule(node, HALT, &[is_through.clone(), runs.clone()], waits);
         self.rule(node, HALT, &[is_through, Test::Fails(Box::new(runs.clone()))], ends.clone());
@@ -223,31 +235,36 @@ impl Writer<'_> {
         let join = self.join(node, &operands);
         let owed = self.own(node, "owed", 1);
         let (first, nothing) = (join.operands[0], Term::Number(0));
-        let (runs, is_source) = (Test::Is(node.phase, 1), Test::Is(self.operand, 0));
-        let result = |result| Test::Is(self.result, result);
+        let (runs, is_source) = (Test::Is(node.phase, 1), Test::Is(self.control.operand, 0));
+        let result = |result| Test::Is(self.control.result, result);
         let [is_running, is_done, has_failed] = [RUNS, DONE, ABORTED].map(result);
-        let is_place = Test::Not(self.operand, 0);
+        let is_place = Test::Not(self.control.operand, 0);
         let spawns = self.todo(node, WEIGH, 1);
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(first, Term::Of(self.value))].concat());
+        self.rule(
+            node,
+            START,
+            &[],
+            [vec![self.enter(node, 1)], self.start(first, Term::Of(self.control.value))].concat(),
+        );
         self.rule(node, REPORT, &[runs.clone(), is_running.clone()], self.passes(node));
         self.rule(node, REPORT, &[runs.clone(), is_source, is_done.clone()], spawns.clone());
         for (index, place) in (1..).zip(&join.operands[1..]) {
-            let own = [runs.clone(), Test::Is(self.operand, index)];
-            let starts = [vec![self.enter(node, 2)], self.start(*place, Term::Of(self.value))].concat();
+            let own = [runs.clone(), Test::Is(self.control.operand, index)];
+            let starts = [vec![self.enter(node, 2)], self.start(*place, Term::Of(self.control.value))].concat();
             self.rule(node, WEIGH, &[&own[..], &[Test::Is(place.phase, IDLE)]].concat(), starts);
-            let next = vec![(self.operand, Term::Number(index + 1))];
+            let next = vec![(self.control.operand, Term::Number(index + 1))];
             self.rule(node, WEIGH, &[&own[..], &[Test::Not(place.phase, IDLE)]].concat(), next);
         }
-        let is_full = Test::Is(self.operand, u32::try_from(operands.len()).unwrap_or(u32::MAX));
-        let owes =
-            [vec![(owed, Term::Number(1)), (join.kept, Term::Of(self.value))], self.reports(node, RUNS)].concat();
+        let is_full = Test::Is(self.control.operand, u32::try_from(operands.len()).unwrap_or(u32::MAX));
+        let owes = [vec![(owed, Term::Number(1)), (join.kept, Term::Of(self.control.value))], self.reports(node, RUNS)]
+            .concat();
         self.rule(node, WEIGH, &[runs.clone(), is_full], owes);
         let again = [vec![self.enter(node, 1)], self.start(first, nothing)].concat();
         let begins = Test::Is(node.phase, 2);
         self.rule(node, REPORT, &[begins.clone(), Test::Fails(Box::new(has_failed.clone()))], again);
         let has_place = [runs.clone(), is_place, is_done];
         self.rule(node, REPORT, &[&has_place[..], &[Test::Is(owed, 0)]].concat(), self.reports(node, RUNS));
-        let given = vec![(owed, nothing), (join.kept, nothing), (self.value, Term::Of(join.kept))];
+        let given = vec![(owed, nothing), (join.kept, nothing), (self.control.value, Term::Of(join.kept))];
         self.rule(node, REPORT, &[&has_place[..], &[Test::Is(owed, 1)]].concat(), [spawns, given].concat());
         self.pool_fails(&join, owed, &[Test::Any(vec![runs, begins]), has_failed]);
         self.drains(&join, &[(owed, nothing)]);

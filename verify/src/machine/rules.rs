@@ -19,7 +19,7 @@ struct Turn {
 impl Writer<'_> {
     pub(super) fn write(&mut self, expression: &Expression, around: Option<(Node, u32)>) -> Node {
         let node = self.node(around, 6);
-        let (nothing, left) = (Term::Number(0), Term::Of(self.value));
+        let (nothing, left) = (Term::Number(0), Term::Of(self.control.value));
         match expression {
             Expression::Run { member, .. } => self.run(node, *member),
             Expression::Skip => self.rule(node, START, &[], self.reports(node, DONE)),
@@ -64,9 +64,9 @@ impl Writer<'_> {
 
     /// Returns the word for the next timer of the group.
     fn timer(&mut self, time: String) -> String {
-        self.timers += 1;
-        let group = self.model.group_name(u32::try_from(self.group).unwrap_or(u32::MAX));
-        format!("elapsed({group}, {time}, {})", self.timers - 1)
+        self.current.timers += 1;
+        let group = self.model.group_name(u32::try_from(self.current.group).unwrap_or(u32::MAX));
+        format!("elapsed({group}, {time}, {})", self.current.timers - 1)
     }
 
     /// An operand that runs until it is stopped, and confirms the stop at once.
@@ -79,8 +79,8 @@ impl Writer<'_> {
 
     /// A process. Phases: 1 it runs; 2 it was asked to stop.
     fn run(&mut self, node: Node, member: u32) {
-        let group = u32::try_from(self.group).unwrap_or(u32::MAX);
-        let source: &Group = &self.model.plan.groups[self.group];
+        let group = u32::try_from(self.current.group).unwrap_or(u32::MAX);
+        let source: &Group = &self.model.plan.groups[self.current.group];
         let (name, slot) = (self.model.name(group, member), &source.members[member as usize]);
         let mut starts = [vec![self.enter(node, 1)], self.reports(node, RUNS)].concat();
         let mut stops = [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat();
@@ -106,7 +106,7 @@ impl Writer<'_> {
             }
             MemberKind::Group(inner) => {
                 self.runs.push((inner, node));
-                starts.extend(self.orders(inner, Term::Of(self.value)));
+                starts.extend(self.orders(inner, Term::Of(self.control.value)));
                 if let Some(travels) = self.groups[inner as usize].travels {
                     // If the group has already ended, an order to stop has no effect.
                     let ended = [Test::Is(node.phase, 1), Test::Not(travels.report, 0)];
@@ -132,17 +132,17 @@ impl Writer<'_> {
     /// stopped, and the other one does not run any more.
     fn in_turn(&mut self, node: Node, [p, q]: [&Expression; 2], Turn { after, given, is_loop }: Turn) {
         let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
-        let (nothing, left) = (Term::Number(0), Term::Of(self.value));
+        let (nothing, left) = (Term::Number(0), Term::Of(self.control.value));
         self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(first, left)].concat());
         let is_first = Test::Is(node.phase, 1);
         let next = [vec![self.enter(node, 2)], self.start(second, given)].concat();
-        self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.result, after)], next);
-        self.passes_on(node, &[is_first, Test::Not(self.result, after)]);
+        self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.control.result, after)], next);
+        self.passes_on(node, &[is_first, Test::Not(self.control.result, after)]);
         let is_second = Test::Is(node.phase, 2);
         if is_loop {
             let again = [vec![self.enter(node, 1)], self.start(first, nothing)].concat();
-            self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.result, DONE)], again);
-            self.passes_on(node, &[is_second, Test::Not(self.result, DONE)]);
+            self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.control.result, DONE)], again);
+            self.passes_on(node, &[is_second, Test::Not(self.control.result, DONE)]);
         } else {
             self.passes_on(node, &[is_second]);
         }
@@ -160,18 +160,24 @@ impl Writer<'_> {
         let (held, kept) = (self.own(node, "held", 3), self.own(node, "kept", self.tags.len()));
         let cleared = [self.enter(node, IDLE), (held, Term::Number(0)), (kept, Term::Number(0))];
         let (is_first, is_second) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(first, Term::Of(self.value))].concat());
-        self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.result, RUNS)], self.passes(node));
-        let outcome = vec![self.enter(node, 2), (held, Term::Of(self.result)), (kept, Term::Of(self.value))];
+        self.rule(
+            node,
+            START,
+            &[],
+            [vec![self.enter(node, 1)], self.start(first, Term::Of(self.control.value))].concat(),
+        );
+        self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.control.result, RUNS)], self.passes(node));
+        let outcome =
+            vec![self.enter(node, 2), (held, Term::Of(self.control.result)), (kept, Term::Of(self.control.value))];
         let next = [outcome, self.start(second, Term::Number(0))].concat();
-        self.rule(node, REPORT, &[is_first.clone(), Test::Not(self.result, RUNS)], next);
-        self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.result, RUNS)], self.passes(node));
+        self.rule(node, REPORT, &[is_first.clone(), Test::Not(self.control.result, RUNS)], next);
+        self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.control.result, RUNS)], self.passes(node));
         // If `P` was done, a failure of `Q` is the result.
-        let fails = Test::All(vec![Test::Is(self.result, ABORTED), Test::Is(held, DONE)]);
+        let fails = Test::All(vec![Test::Is(self.control.result, ABORTED), Test::Is(held, DONE)]);
         let aborts = [cleared.to_vec(), self.reports(node, ABORTED)].concat();
         self.rule(node, REPORT, &[is_second.clone(), fails.clone()], aborts);
         let ends = [cleared.to_vec(), self.report(node, Term::Of(held), Term::Of(kept))].concat();
-        let ended = [is_second.clone(), Test::Not(self.result, RUNS), Test::Fails(Box::new(fails))];
+        let ended = [is_second.clone(), Test::Not(self.control.result, RUNS), Test::Fails(Box::new(fails))];
         self.rule(node, REPORT, &ended, ends);
         self.rule(node, STOP, &[is_first], self.stop(first));
         let waits = [vec![(held, Term::Number(STOPPED)), (kept, Term::Number(0))], self.reports(node, RUNS)].concat();
@@ -186,10 +192,10 @@ impl Writer<'_> {
         for (operand, arm) in (0..).zip(arms) {
             let body = self.write(&arm.body, Some((node, operand)));
             let mut tests = others.clone();
-            let mut given = Term::Of(self.value);
+            let mut given = Term::Of(self.control.value);
             if let Some(tag) = &arm.tag {
-                tests.push(Test::Is(self.value, self.tag(tag)));
-                others.push(Test::Not(self.value, self.tag(tag)));
+                tests.push(Test::Is(self.control.value, self.tag(tag)));
+                others.push(Test::Not(self.control.value, self.tag(tag)));
                 given = Term::Number(0);
             } else {
                 others.push(Test::Any(Vec::new()));
@@ -205,11 +211,16 @@ impl Writer<'_> {
     fn shield(&mut self, node: Node, timer: Option<String>, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
         let is_asked = Test::Not(node.phase, 1);
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
+        self.rule(
+            node,
+            START,
+            &[],
+            [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.control.value))].concat(),
+        );
         self.passes_on(node, &[Test::Is(node.phase, 1)]);
-        self.rule(node, REPORT, &[is_asked.clone(), Test::Is(self.result, RUNS)], self.passes(node));
+        self.rule(node, REPORT, &[is_asked.clone(), Test::Is(self.control.result, RUNS)], self.passes(node));
         let ends = [vec![self.enter(node, IDLE)], self.reports(node, STOPPED)].concat();
-        self.rule(node, REPORT, &[is_asked.clone(), Test::Not(self.result, RUNS)], ends);
+        self.rule(node, REPORT, &[is_asked.clone(), Test::Not(self.control.result, RUNS)], ends);
         let waits = [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat();
         self.rule(node, STOP, &[Test::Is(node.phase, 1)], waits);
         self.rule(node, STOP, &[is_asked], self.reports(node, RUNS));
@@ -222,9 +233,14 @@ impl Writer<'_> {
     fn repeat(&mut self, node: Node, until: &[String], of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
         let (runs, is_stopped) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
-        let is_end = Test::Any(until.iter().map(|tag| Test::Is(self.value, self.tag(tag))).collect());
-        let goes_on = Test::All(vec![Test::Is(self.result, DONE), Test::Fails(Box::new(is_end))]);
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
+        let is_end = Test::Any(until.iter().map(|tag| Test::Is(self.control.value, self.tag(tag))).collect());
+        let goes_on = Test::All(vec![Test::Is(self.control.result, DONE), Test::Fails(Box::new(is_end))]);
+        self.rule(
+            node,
+            START,
+            &[],
+            [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.control.value))].concat(),
+        );
         self.rule(node, REPORT, &[runs.clone(), goes_on.clone()], self.start(inner, Term::Number(0)));
         self.passes_on(node, &[runs.clone(), Test::Fails(Box::new(goes_on))]);
         self.passes_on(node, std::slice::from_ref(&is_stopped));
@@ -243,10 +259,15 @@ impl Writer<'_> {
 
     fn tagged(&mut self, node: Node, tag: &str, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
+        self.rule(
+            node,
+            START,
+            &[],
+            [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.control.value))].concat(),
+        );
         let named = self.report(node, Term::Number(DONE), Term::Number(self.tag(tag)));
-        self.rule(node, REPORT, &[Test::Is(self.result, DONE)], [vec![self.enter(node, IDLE)], named].concat());
-        self.passes_on(node, &[Test::Not(self.result, DONE)]);
+        self.rule(node, REPORT, &[Test::Is(self.control.result, DONE)], [vec![self.enter(node, IDLE)], named].concat());
+        self.passes_on(node, &[Test::Not(self.control.result, DONE)]);
         self.rule(node, STOP, &[], self.stop(inner));
     }
 }

@@ -90,29 +90,45 @@ pub(super) struct Travels {
     pub(super) back: Link,
 }
 
+/// The variables of the control that all nodes share.
+#[derive(Clone, Copy)]
+pub(super) struct Control {
+    /// The node that has something to do, what it does, and the operand that this is about.
+    pub(super) at: Var,
+    pub(super) todo: Var,
+    pub(super) operand: Var,
+    /// The reported result, and the value with which a node starts or that it has left.
+    pub(super) result: Var,
+    pub(super) value: Var,
+    /// The state of the whole.
+    pub(super) whole: Var,
+    /// The number of deliveries between groups that are pending.
+    pub(super) pending: Var,
+}
+
+/// The group that is being written.
+#[derive(Default)]
+pub(super) struct Current {
+    pub(super) group: usize,
+    /// How many timers it has so far.
+    pub(super) timers: usize,
+    pub(super) uses: Vec<Use>,
+    /// Whether each of its resources is taken.
+    pub(super) held: Vec<(String, Var)>,
+}
+
 /// The shared control, and the rules written so far.
 pub(super) struct Writer<'m> {
     pub(super) model: &'m Model<'m>,
     pub(super) machine: Machine,
-    pub(super) at: Var,
-    pub(super) todo: Var,
-    pub(super) operand: Var,
-    pub(super) result: Var,
-    pub(super) value: Var,
-    pub(super) whole: Var,
-    /// The number of deliveries between groups that are pending.
-    pub(super) pending: Var,
+    pub(super) control: Control,
     pub(super) groups: Vec<GroupVars>,
     /// The number of messages on each link.
     pub(super) links: BTreeMap<Link, Var>,
     pub(super) nodes: u32,
     pub(super) tags: Vec<String>,
-    // The following fields are those of the group that is being written.
-    pub(super) group: usize,
-    pub(super) timers: usize,
-    pub(super) uses: Vec<Use>,
-    pub(super) held: Vec<(String, Var)>,
-    /// For each member that is a group, the node that runs it.
+    pub(super) current: Current,
+    /// For each member that is a group, the nodes that run it.
     pub(super) runs: Vec<(u32, Node)>,
 }
 
@@ -142,26 +158,9 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
             }
         })
         .collect();
-    let mut writer = Writer {
-        model,
-        machine,
-        at,
-        todo,
-        operand,
-        result,
-        value,
-        whole,
-        pending,
-        groups,
-        links,
-        nodes: 0,
-        tags,
-        group: 0,
-        timers: 0,
-        uses: Vec::new(),
-        held: Vec::new(),
-        runs: Vec::new(),
-    };
+    let control = Control { at, todo, operand, result, value, whole, pending };
+    let (current, runs) = (Current::default(), Vec::new());
+    let mut writer = Writer { model, machine, control, groups, links, nodes: 0, tags, current, runs };
     let roots: Vec<Node> = (0..plan.groups.len()).map(|group| writer.group(group)).collect();
     writer.between(&roots);
     writer.machine
@@ -215,13 +214,13 @@ fn widest(expression: &Expression) -> usize {
 impl Writer<'_> {
     /// Writes a silent change of a node for the action `todo`.
     pub(super) fn rule(&mut self, node: Node, todo: u32, tests: &[Test], sets: Sets) {
-        let own = [Test::Is(self.todo, todo), Test::Is(self.at, node.number)];
+        let own = [Test::Is(self.control.todo, todo), Test::Is(self.control.at, node.number)];
         self.change(None, own.into_iter().chain(tests.iter().cloned()).collect(), sets);
     }
 
     /// Writes an event, which can happen only while no node has an action to perform.
     pub(super) fn event(&mut self, word: String, tests: &[Test], sets: Sets) {
-        let rests = [Test::Is(self.todo, REST), Test::Not(self.whole, OVER)];
+        let rests = [Test::Is(self.control.todo, REST), Test::Not(self.control.whole, OVER)];
         self.change(Some(word), rests.into_iter().chain(tests.iter().cloned()).collect(), sets);
     }
 
@@ -239,7 +238,11 @@ impl Writer<'_> {
 
     pub(super) fn todo(&self, node: Node, todo: u32, operand: u32) -> Sets {
         let number = Term::Number;
-        vec![(self.at, number(node.number)), (self.todo, number(todo)), (self.operand, number(operand))]
+        vec![
+            (self.control.at, number(node.number)),
+            (self.control.todo, number(todo)),
+            (self.control.operand, number(operand)),
+        ]
     }
 
     pub(super) fn enter(&self, node: Node, phase: u32) -> (Var, Term) {
@@ -249,14 +252,14 @@ impl Writer<'_> {
     /// Calls a node to start with a value.
     pub(super) fn start(&self, node: Node, value: Term) -> Sets {
         let mut sets = self.todo(node, START, 0);
-        sets.extend([(self.result, Term::Number(RUNS)), (self.value, value)]);
+        sets.extend([(self.control.result, Term::Number(RUNS)), (self.control.value, value)]);
         sets
     }
 
     /// Calls a node to stop.
     pub(super) fn stop(&self, node: Node) -> Sets {
         let mut sets = self.todo(node, STOP, 0);
-        sets.extend([(self.result, Term::Number(RUNS)), (self.value, Term::Number(0))]);
+        sets.extend([(self.control.result, Term::Number(RUNS)), (self.control.value, Term::Number(0))]);
         sets
     }
 
@@ -264,13 +267,13 @@ impl Writer<'_> {
     pub(super) fn report(&self, node: Node, result: Term, value: Term) -> Sets {
         let mut sets = match node.around {
             Some((around, operand)) => vec![
-                (self.at, Term::Number(around)),
-                (self.todo, Term::Number(REPORT)),
-                (self.operand, Term::Number(operand)),
+                (self.control.at, Term::Number(around)),
+                (self.control.todo, Term::Number(REPORT)),
+                (self.control.operand, Term::Number(operand)),
             ],
             None => self.todo(node, SETTLE, 0),
         };
-        sets.extend([(self.result, result), (self.value, value)]);
+        sets.extend([(self.control.result, result), (self.control.value, value)]);
         sets
     }
 
@@ -280,15 +283,15 @@ impl Writer<'_> {
 
     /// Reports the result of an operand as the result of the node itself.
     pub(super) fn passes(&self, node: Node) -> Sets {
-        self.report(node, Term::Of(self.result), Term::Of(self.value))
+        self.report(node, Term::Of(self.control.result), Term::Of(self.control.value))
     }
 
     /// Writes the rules of a node that runs as long as its operand, and ends in the same way.
     pub(super) fn passes_on(&mut self, node: Node, tests: &[Test]) {
         let with = |test: Test| tests.iter().cloned().chain([test]).collect::<Vec<_>>();
-        self.rule(node, REPORT, &with(Test::Is(self.result, RUNS)), self.passes(node));
+        self.rule(node, REPORT, &with(Test::Is(self.control.result, RUNS)), self.passes(node));
         let ends = [vec![self.enter(node, IDLE)], self.passes(node)].concat();
-        self.rule(node, REPORT, &with(Test::Not(self.result, RUNS)), ends);
+        self.rule(node, REPORT, &with(Test::Not(self.control.result, RUNS)), ends);
     }
 
     /// Returns a new node with phases up to this number.

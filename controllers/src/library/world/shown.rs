@@ -78,7 +78,7 @@ impl DoorWorld {
 
     fn base(&self) -> BaseStatus {
         let (commanded, refused, holder) = self.servers.base.status();
-        let drive = self.plant(|state| &state.plant.base_drive);
+        let drive = self.plant(|state| &state.plant.base.drive);
         let (velocity, stopped) = drive.map_or(([0.0; 3], None), |drive| (drive.velocity, drive.stopped));
         let pose = self.plant(|state| state.odometry.pose()).map_or([0.0; 3], |pose| (*pose).into());
         BaseStatus { pose, velocity, commanded, stopped: or_never(stopped), refused, holder }
@@ -86,15 +86,16 @@ impl DoorWorld {
 
     fn arm(&self) -> ArmStatus {
         let (commanded, refused, holder) = self.servers.arm.status();
-        let angles = self.plant(|state| &state.plant).map_or([0.0; 6], |plant| plant.encoders().into());
+        let angles = self.plant(|state| &state.plant).map_or([0.0; 6], |plant| plant.arm.encoders().into());
         let rates = self.plant(|state| &state.plant).map_or([0.0; 6], |plant| plant.joint_rates());
-        let stopped = self.plant(|state| &state.plant).and_then(|plant| plant.arm_drive.stopped);
+        let stopped = self.plant(|state| &state.plant).and_then(|plant| plant.arm.drive.stopped);
         ArmStatus { angles, rates, commanded, stopped: or_never(stopped), refused, holder }
     }
 
     fn gripper(&self) -> GripperStatus {
         let (commanded, refused, holder) = self.servers.gripper.status();
-        let (width, force) = self.plant(|state| &state.plant).map_or((0.0, 0.0), |plant| plant.grip());
+        let (width, force) =
+            self.plant(|state| &state.plant).map_or((0.0, 0.0), |plant| (plant.gripper.width(), plant.gripper.force()));
         GripperStatus { width, force, commanded, refused, holder }
     }
 

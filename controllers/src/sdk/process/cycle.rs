@@ -1,5 +1,10 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
+mod deadlines;
+mod lines;
+mod samples;
+mod tally;
+
 use super::database::{Answered, DatabaseLine};
 use super::early::Early;
 use super::ending::Ending;
@@ -7,21 +12,24 @@ use super::heartbeat::{Heartbeat, Spends};
 use super::inbox::{Arrived, Command, Inbox, Item, TakenSwitch, ToServe};
 use super::links::Links;
 use super::node_line::NoticeLog;
-use super::peaks::Watch;
 use super::wire::fetch_all;
 use crate::sdk::arguments::Arguments;
-use crate::sdk::controller::{Progress, Schedule, Stopping};
+use crate::sdk::controller::{Progress, Stopping};
 use crate::sdk::export::Activity;
 use crate::sdk::module::{Delivery, DeliveryError, Module, Waker};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
 use comms::logic::object::ExportKind;
-use comms::logic::signals::{LOST_VALUES, OVERRUNS, Peaks, REFUSED_VALUES, Signal, Signals};
+use comms::logic::signals::{Peaks, Signals};
 use comms::logic::switch::HOLD_WITHIN;
 use comms::logic::time::Time;
+use deadlines::Deadlines;
+use lines::Lines;
+use samples::Samples;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
+use tally::Tally;
 
 /// The exit code of a program whose loop has panicked, as for any other panic in Rust.
 const PANICKED: i32 = 101;
@@ -40,28 +48,17 @@ enum Phase {
 /// The loop and its state.
 pub(super) struct Cycle {
     module: Box<dyn Module>,
-    inbox: Arc<Inbox>,
-    links: Arc<Links>,
-    notices: NoticeLog,
-    database: Arc<DatabaseLine>,
-    heartbeat: Arc<Heartbeat>,
-    schedule: Schedule,
+    lines: Lines,
+    deadlines: Deadlines,
+    samples: Samples,
     stop_within: Duration,
-    signals_every: Option<Duration>,
     phase: Phase,
+    activation: u32,
+    tally: Tally,
     /// What has come while nothing ran.
     early: Early,
     /// Switches of inputs that are done after the next calculation.
     switches: Vec<TakenSwitch>,
-    activation: u32,
-    due: Time,
-    signals_due: Time,
-    peaks: Watch,
-    overruns: u64,
-    /// Values that were sent to inputs in this activation, and have not come.
-    lost: u64,
-    /// Values that inputs have refused in this activation, because a number in them was not finite.
-    refused: u64,
     /// When the node is told the losses of wires next.
     losses_due: Time,
     leaving: bool,
@@ -74,24 +71,15 @@ impl Cycle {
         let about = module.interface().about.clone();
         Self {
             module,
-            inbox,
-            links,
-            database: Arc::new(DatabaseLine::new(notices.clone())),
-            notices,
-            heartbeat: Arc::default(),
-            schedule: about.schedule,
+            lines: Lines::new(inbox, links, notices),
+            deadlines: Deadlines::new(about.schedule),
+            samples: Samples::new(about.signals_every),
             stop_within: about.stop_within,
-            signals_every: about.signals_every,
             phase: Phase::Idle,
+            activation: 0,
+            tally: Tally::default(),
             early: Early::default(),
             switches: Vec::new(),
-            activation: 0,
-            due: Time::ZERO,
-            signals_due: Time::ZERO,
-            peaks: Watch::default(),
-            overruns: 0,
-            lost: 0,
-            refused: 0,
             losses_due: Time::ZERO,
             leaving: false,
         }
@@ -99,12 +87,12 @@ impl Cycle {
 
     /// Returns the heartbeat on which the loop records its activity.
     pub(super) fn heartbeat(&self) -> Arc<Heartbeat> {
-        Arc::clone(&self.heartbeat)
+        Arc::clone(&self.lines.heartbeat)
     }
 
     /// Returns the connection of the loop to the database.
     pub(super) fn database(&self) -> Arc<DatabaseLine> {
-        Arc::clone(&self.database)
+        Arc::clone(&self.lines.database)
     }
 
     /// Runs until it is told to leave and no activation runs any more. If the loop itself panics, the whole process
@@ -118,29 +106,30 @@ impl Cycle {
 
     fn obey(mut self) {
         make_punctual();
-        self.heartbeat.enter(Spends::Working);
+        self.lines.heartbeat.enter(Spends::Working);
         loop {
-            while let Some(command) = self.inbox.next_command() {
+            while let Some(command) = self.lines.inbox.next_command() {
                 self.command(command);
             }
             self.serve();
-            self.notices.tell(self.inbox.take_refused());
+            self.lines.notices.tell(self.lines.inbox.take_refused());
             let triggered = self.take_samples();
             self.hand_messages();
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
-                    self.heartbeat.enter(Spends::Waiting);
+                    self.lines.heartbeat.enter(Spends::Waiting);
                     // The module ends first: after SIGTERM the process ends as soon as the inbox is left.
                     drop(self.module);
-                    return self.inbox.leave();
+                    return self.lines.inbox.leave();
                 }
-                self.wait([self.inbox.deadline(), self.early.deadline()].into_iter().flatten().min());
+                self.lines.wait([self.lines.inbox.deadline(), self.early.deadline()].into_iter().flatten().min());
                 continue;
             }
             let time = now();
-            if time < self.due && !triggered {
-                let given_up = self.inbox.deadline();
-                self.wait(Some(given_up.map_or(self.due, |at| at.min(self.due))));
+            if time < self.deadlines.due() && !triggered {
+                let given_up = self.lines.inbox.deadline();
+                let due = self.deadlines.due();
+                self.lines.wait(Some(given_up.map_or(due, |at| at.min(due))));
                 continue;
             }
             self.arm(time);
@@ -151,17 +140,16 @@ impl Cycle {
     /// Carries out calls of others, but only as many at once that the next calculation is not delayed.
     fn serve(&mut self) {
         for _ in 0..CALLS_AT_ONCE {
-            let time = now();
-            let runs = !matches!(self.phase, Phase::Idle);
+            let (time, runs) = (now(), !matches!(self.phase, Phase::Idle));
             if let Some(call) = self.early.take_call(time, runs) {
                 self.carry_out(call);
                 continue;
             }
-            let Some(call) = self.inbox.next_call() else { return };
-            let now = if runs || self.is_answered_idle(&call.name) { Some(call) } else { self.early.hold(call, time) };
-            now.into_iter().for_each(|call| self.carry_out(call));
+            let Some(call) = self.lines.inbox.next_call() else { return };
+            let due = if runs || self.is_answered_idle(&call.name) { Some(call) } else { self.early.hold(call, time) };
+            due.into_iter().for_each(|call| self.carry_out(call));
         }
-        self.inbox.wake();
+        self.lines.inbox.wake();
     }
 
     /// Returns whether a call has an answer while nothing runs. That there is no such export is an answer, too.
@@ -187,13 +175,7 @@ impl Cycle {
         }
         let mut messages = Vec::new();
         self.call(|module| module.drain_messages(now(), &mut |message| messages.push(message)));
-        messages.into_iter().for_each(|message| self.tell(&Notice::Message(message)));
-    }
-
-    fn wait(&self, until: Option<Time>) {
-        self.heartbeat.enter(Spends::Waiting);
-        self.inbox.wait(until);
-        self.heartbeat.enter(Spends::Working);
+        messages.into_iter().for_each(|message| self.lines.tell(&Notice::Message(message)));
     }
 
     fn command(&mut self, command: Command) {
@@ -202,7 +184,7 @@ impl Cycle {
                 self.activate(activation, &value, since);
             }
             Command::Activate { activation, .. } => {
-                self.tell(&Notice::Aborted { activation, reason: "it is still running".to_owned() });
+                self.lines.tell(&Notice::Aborted { activation, reason: "it is still running".to_owned() });
             }
             Command::Stop { activation } if activation == self.activation => self.end(Ending::Stopped),
             Command::Stop { .. } => {}
@@ -230,20 +212,21 @@ impl Cycle {
     fn activate(&mut self, activation: u32, value: &[u8], since: Time) {
         self.activation = activation;
         self.take_samples();
-        let (time, connected) = (now(), self.links.callers().connected());
-        (self.due, self.signals_due, self.overruns, self.lost, self.refused) = (time, time, 0, 0, 0);
-        self.peaks = Watch::default();
+        let (time, connected) = (now(), self.lines.links.callers().connected());
+        self.deadlines.restart(time);
+        self.samples.restart(time);
+        self.tally = Tally::default();
         self.phase = Phase::Running;
         for sample in self.early.begin(since) {
             self.deliver(&sample);
         }
-        self.heartbeat.enter(Spends::Initialising);
+        self.lines.heartbeat.enter(Spends::Initialising);
         let initialised = self.call(|module| module.init_with(&connected, value, time));
-        self.heartbeat.enter(Spends::Working);
+        self.lines.heartbeat.enter(Spends::Working);
         match initialised {
             Some(Ok(())) => {
                 self.send();
-                self.tell(&Notice::Running { activation });
+                self.lines.tell(&Notice::Running { activation });
             }
             Some(Err(reason)) => self.end(Ending::Aborted(reason)),
             None => {}
@@ -258,8 +241,8 @@ impl Cycle {
             Err(reason) => reason,
         };
         if let Phase::Stopping { until, .. } = &mut self.phase {
-            let time = now();
-            (*until, self.due) = (time, time);
+            *until = now();
+            self.deadlines.restart(*until);
         }
         self.end(Ending::Aborted(reason));
         None
@@ -268,22 +251,23 @@ impl Cycle {
     /// Begins to stop; a second reason to end changes nothing.
     fn end(&mut self, ending: Ending) {
         if matches!(self.phase, Phase::Running) {
-            self.due = now();
-            self.phase = Phase::Stopping { ending, until: self.due + self.stop_within };
+            let time = now();
+            self.deadlines.restart(time);
+            self.phase = Phase::Stopping { ending, until: time + self.stop_within };
         }
     }
 
     /// Hands over the items that have arrived; returns whether a calculation is due at once. An idle controller gets no
     /// samples. Its next activation gets the samples that [`Early`] keeps for it.
     fn take_samples(&mut self) -> bool {
-        let mut triggered = self.inbox.take_call();
+        let mut triggered = self.lines.inbox.take_call();
         let hears = !matches!(self.phase, Phase::Idle) || self.module.hears_idle();
-        for item in self.inbox.take_items() {
+        for item in self.lines.inbox.take_items() {
             match item {
                 Item::Sample(sample) if hears => triggered |= self.deliver(&sample),
                 Item::Sample(sample) => self.early.keep(sample),
                 Item::Lost(port, count) if hears => {
-                    self.lost += count;
+                    self.tally.lost += count;
                     self.call(|module| module.lose(port, count));
                 }
                 Item::Lost(..) => {}
@@ -299,14 +283,14 @@ impl Cycle {
                 }
             }
         }
-        for ((activation, call, number), result) in self.inbox.take_answers() {
+        for ((activation, call, number), result) in self.lines.inbox.take_answers() {
             // An answer to an earlier activation is dropped.
             if !matches!(self.phase, Phase::Idle) && activation == self.activation {
                 let delivery = self.call(|module| module.answered(call, number, result));
                 triggered |= delivery == Some(Delivery::Triggers);
             }
         }
-        for Answered { activation, number, answer } in self.inbox.take_database() {
+        for Answered { activation, number, answer } in self.lines.inbox.take_database() {
             if !matches!(self.phase, Phase::Idle) && activation == self.activation {
                 let delivery = self.call(|module| module.database_answered(number, answer));
                 triggered |= delivery == Some(Delivery::Triggers);
@@ -321,20 +305,13 @@ impl Cycle {
         // If a switch only opens wires, later values need it at once. Consumers hold back later values only for a
         // limited time.
         let closes = switch.then.as_ref().is_some_and(|flip| !flip.close.is_empty());
-        let is_soon = self.schedule.trigger.is_none() && self.due.since(now()) < HOLD_WITHIN / 2;
+        let is_soon = self.deadlines.is_soon(now(), HOLD_WITHIN / 2);
         let waits = closes && is_soon && matches!(self.phase, Phase::Running);
-        if waits { self.switches.push(switch) } else { self.flip(&switch) }
+        if waits { self.switches.push(switch) } else { self.lines.flip(&switch) }
     }
 
     fn finish_switches(&mut self) {
-        std::mem::take(&mut self.switches).iter().for_each(|switch| self.flip(switch));
-    }
-
-    fn flip(&self, switch: &TakenSwitch) {
-        if let Some(flip) = &switch.then {
-            self.links.flip(flip);
-        }
-        self.tell(&switch.notice);
+        std::mem::take(&mut self.switches).iter().for_each(|switch| self.lines.flip(switch));
     }
 
     fn deliver(&mut self, sample: &Arrived) -> bool {
@@ -351,8 +328,8 @@ impl Cycle {
     /// Counts a value that its input has refused.
     fn not_taken(&mut self, error: DeliveryError) {
         if let DeliveryError::NotFinite { port } = error {
-            self.refused += 1;
-            return self.inbox.refuse_value(port);
+            self.tally.refused += 1;
+            return self.lines.inbox.refuse_value(port);
         }
         tracing::warn!(%error, "a sample was not taken");
     }
@@ -360,20 +337,7 @@ impl Cycle {
     /// Sets the next deadline: one period after a trigger, or else on the grid, which a trigger inside a group does not
     /// change. Missed deadlines are counted.
     fn arm(&mut self, time: Time) {
-        let period = self.schedule.period;
-        if self.schedule.trigger.is_some() {
-            self.due = time + period;
-        }
-        if time < self.due {
-            return;
-        }
-        self.due = self.due + period;
-        if self.due <= time {
-            let missed = (time - self.due).as_nanos() / period.as_nanos().max(1) + 1;
-            self.overruns += u64::try_from(missed).unwrap_or(u64::MAX);
-            let skip = u32::try_from(missed).unwrap_or(u32::MAX);
-            self.due = self.due + period * skip;
-        }
+        self.tally.overruns += self.deadlines.arm(time);
     }
 
     fn work(&mut self, time: Time) {
@@ -392,9 +356,9 @@ impl Cycle {
     }
 
     fn calculate(&mut self, time: Time) {
-        self.heartbeat.enter(Spends::Waiting);
-        let fetched = fetch_all(&self.links.fetches(), self.schedule.period / 2);
-        self.heartbeat.enter(Spends::Working);
+        self.lines.heartbeat.enter(Spends::Waiting);
+        let fetched = fetch_all(&self.lines.links.fetches(), self.deadlines.period() / 2);
+        self.lines.heartbeat.enter(Spends::Working);
         for (port, bytes) in fetched {
             match self.call(|module| module.deliver(port, &bytes, now())) {
                 Some(Ok(_)) => {}
@@ -418,7 +382,7 @@ impl Cycle {
     fn tell_losses(&mut self, time: Time) {
         if time >= self.losses_due {
             self.losses_due = time + LOSSES_EVERY;
-            self.notices.tell(self.inbox.take_losses());
+            self.lines.notices.tell(self.lines.inbox.take_losses());
         }
     }
 
@@ -426,28 +390,21 @@ impl Cycle {
         let Phase::Stopping { ending, .. } = std::mem::replace(&mut self.phase, Phase::Idle) else { return };
         let unconfirmed = self.call(|module| module.unconfirmed()).flatten();
         self.finish_switches();
-        self.links.callers().cancel_all();
-        self.database.cancel_all();
+        self.lines.links.callers().cancel_all();
+        self.lines.database.cancel_all();
         // The last values are sent, and the peaks since the last sample.
-        (self.signals_due, self.losses_due) = (Time::ZERO, Time::ZERO);
+        self.losses_due = Time::ZERO;
+        self.samples.finish();
         self.tell_losses(now());
         self.show(now());
         let activation = self.activation;
-        if self.overruns > 0 {
-            tracing::info!(overruns = self.overruns, "deadlines were missed");
-        }
-        if self.lost > 0 {
-            tracing::info!(lost = self.lost, "values did not arrive");
-        }
-        if self.refused > 0 {
-            tracing::warn!(refused = self.refused, "values were refused: a number in them was not finite");
-        }
-        self.tell(&ending.notice(activation, unconfirmed));
+        self.tally.log();
+        self.lines.tell(&ending.notice(activation, unconfirmed));
     }
 
     fn send(&mut self) {
-        let (activation, links) = (self.activation, Arc::clone(&self.links));
-        let (inbox, database) = (Arc::clone(&self.inbox), Arc::clone(&self.database));
+        let (activation, links) = (self.activation, Arc::clone(&self.lines.links));
+        let (inbox, database) = (Arc::clone(&self.lines.inbox), Arc::clone(&self.lines.database));
         self.call(|module| module.drain_to(&mut &*links));
         let order = &mut |call, order| links.callers().order(activation, call, order, &inbox);
         self.call(|module| module.drain_calls(order));
@@ -455,36 +412,15 @@ impl Cycle {
     }
 
     fn show(&mut self, time: Time) {
-        let Some(every) = self.signals_every else { return };
-        let Some(mut values) = self.call(|module| module.signals()) else { return };
-        self.peaks.look(&values, time);
-        if time < self.signals_due {
+        if !self.samples.are_shown() {
             return;
         }
-        self.signals_due = time + every;
-        let missed = self.peaks.sampled(&values, time);
-        // The names are the same from the first sample on, so that a record has one schema. Losses that wait in the
-        // inbox also count: a calculation that takes long may be the last one.
-        let counts = [
-            (OVERRUNS, self.overruns),
-            (LOST_VALUES, self.lost + self.inbox.waiting_losses()),
-            (REFUSED_VALUES, self.refused),
-        ];
-        for (name, count) in counts {
-            #[expect(clippy::cast_precision_loss, reason = "a count for people")]
-            let value = count as f64;
-            values.push(Signal { name: name.to_owned(), unit: String::new(), value, headline: false });
-        }
-        self.links.show(&Signals { stamp: time, values });
+        let Some(mut values) = self.call(|module| module.signals()) else { return };
+        let Some(missed) = self.samples.look(&values, time) else { return };
+        values.extend(self.tally.signals(self.lines.inbox.waiting_losses()));
+        self.lines.links.show(&Signals { stamp: time, values });
         if !missed.is_empty() {
-            self.links.show(&Peaks { stamp: time, values: missed });
-        }
-    }
-
-    /// The listener notices that a node is gone, and the notice is sent later.
-    fn tell(&self, notice: &Notice) {
-        if let Err(error) = self.notices.send(notice) {
-            tracing::debug!(%error, "the node was not told");
+            self.lines.links.show(&Peaks { stamp: time, values: missed });
         }
     }
 }
@@ -506,6 +442,7 @@ mod tests {
     use comms::io::control;
     use comms::logic::codec;
     use comms::logic::frame::Decoder;
+    use comms::logic::signals::Signal;
     use std::cell::Cell;
     use std::io::Read;
     use std::os::unix::net::{UnixListener, UnixStream};

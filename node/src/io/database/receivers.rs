@@ -34,7 +34,7 @@ impl Receivers {
         }
     }
 
-    /// Ends the answers to a call.
+    /// Completes the answers to a call.
     pub(super) fn end(&mut self, call: u64) {
         self.callers.remove(&call).into_iter().for_each(Caller::end);
     }

@@ -256,6 +256,13 @@ impl Participant {
         }
     }
 
+    /// Starts programs of this host again, together with one that has died.
+    pub(super) fn renew(&mut self, leaves: &[u32], with: &str, out: &mut Out<'_>) {
+        for leaf in leaves {
+            self.with_instance(*leaf, out, |instance, context| instance.renew(with, context));
+        }
+    }
+
     /// Stops an activation of a process of this host.
     pub(super) fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
         match target {

@@ -1,0 +1,64 @@
+//! The record of a mission that is being watched, if it is kept. Each gap in it is told once.
+
+use super::record_folder::end_record;
+use crate::io::recorder::Recorder;
+use crate::logic::mission::Files;
+use crate::logic::record::Entry;
+use crate::output::Output;
+use node::logic::output_lines::GAP;
+use std::collections::BTreeSet;
+
+/// The record of a mission.
+pub(super) struct Recording {
+    recorder: Option<Recorder>,
+    is_broken_off: bool,
+    /// The processes whose output is not recorded completely.
+    lacking: BTreeSet<String>,
+}
+
+impl Recording {
+    pub(super) const fn new(recorder: Option<Recorder>) -> Self {
+        Self { recorder, is_broken_off: false, lacking: BTreeSet::new() }
+    }
+
+    /// Returns whether a record is kept.
+    pub(super) const fn is_kept(&self) -> bool {
+        self.recorder.is_some()
+    }
+
+    /// Adds an entry to the record.
+    pub(super) fn push(&mut self, entry: Entry) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.push(entry);
+        }
+    }
+
+    /// Prints once that the record breaks off, if it does: the mission continues.
+    pub(super) fn watch(&mut self, output: &mut Output) {
+        if !self.is_broken_off && self.recorder.as_ref().is_some_and(Recorder::has_broken_off) {
+            self.is_broken_off = true;
+            output.note("warning: the record breaks off here: it cannot be written any more. The mission goes on");
+        }
+    }
+
+    /// Prints once for each process that some of its output is missing, if `text` says so.
+    pub(super) fn watch_output(&mut self, path: &str, text: &str, output: &mut Output) {
+        if text.contains(GAP) && self.lacking.insert(path.to_owned()) {
+            output.note(&format!(
+                "warning: some output of `{path}` is not recorded: it writes faster than its output is read"
+            ));
+        }
+    }
+
+    /// Completes the record of a mission, or drops it if the mission has never begun. Returns its files, and whether all is kept.
+    pub(super) fn finish(&mut self, has_begun: bool, output: &mut Output) -> (Files, Result<(), anyhow::Error>) {
+        match self.recorder.take() {
+            Some(recorder) if !has_begun => {
+                recorder.discard();
+                (Files::default(), Ok(()))
+            }
+            Some(recorder) => end_record(recorder, output),
+            None => (Files::default(), Ok(())),
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! The counts of missed deadlines, lost values and refused values in one activation.
+
+use comms::logic::signals::{LOST_VALUES, OVERRUNS, REFUSED_VALUES, Signal};
+
+/// The counts of one activation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Tally {
+    /// Missed deadlines.
+    pub(super) overruns: u64,
+    /// Values that were sent to inputs, and have not come.
+    pub(super) lost: u64,
+    /// Values that inputs have refused, because a number in them was not finite.
+    pub(super) refused: u64,
+}
+
+impl Tally {
+    /// Returns the counts as signals. The names are the same from the first sample on, so that a record has one schema. Losses
+    /// that wait to be counted count: a calculation that takes long may be the last one.
+    pub(super) fn signals(&self, waiting_losses: u64) -> [Signal; 3] {
+        let signal = |name: &str, count: u64| {
+            #[expect(clippy::cast_precision_loss, reason = "a count for people")]
+            let value = count as f64;
+            Signal { name: name.to_owned(), unit: String::new(), value, headline: false }
+        };
+        let lost = self.lost + waiting_losses;
+        [signal(OVERRUNS, self.overruns), signal(LOST_VALUES, lost), signal(REFUSED_VALUES, self.refused)]
+    }
+
+    /// Writes the counts to the log at the end of the activation.
+    pub(super) fn log(&self) {
+        if self.overruns > 0 {
+            tracing::info!(overruns = self.overruns, "deadlines were missed");
+        }
+        if self.lost > 0 {
+            tracing::info!(lost = self.lost, "values did not arrive");
+        }
+        if self.refused > 0 {
+            tracing::warn!(refused = self.refused, "values were refused: a number in them was not finite");
+        }
+    }
+}
