@@ -198,7 +198,7 @@ fn escape(text: &str) -> String {
             '"' => escaped.push_str("&quot;"),
             '\n' => escaped.push('\n'),
             '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
-                escaped.push('\u{fffd}')
+                escaped.push('\u{fffd}');
             }
             '\u{fffe}' | '\u{ffff}' => escaped.push('\u{fffd}'),
             other if other.is_control() => escaped.push('\u{fffd}'),
