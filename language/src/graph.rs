@@ -15,22 +15,50 @@ mod font;
 mod layout;
 mod model;
 mod place;
+mod plan;
 mod route;
 mod states;
 mod svg;
+mod words;
 
 use crate::check;
 use crate::check::spec::ExprKind;
 use crate::diagnostic::Diagnostic;
+use crate::plan::{Expression, Plan, PlanError};
 use crate::source::Source;
 use crate::{Compiled, Options};
 use model::Unit;
 
-/// A drawing of a spec: its boxes, wires and size.
+/// The most processes, or states of an activity, in the picture of a plan: in a larger one, a person sees nothing.
+const BOXES_MAX: usize = 200;
+/// The most wires, or transitions of an activity, in the picture of a plan.
+const ARROWS_MAX: usize = 1000;
+
+/// A drawing of a spec or of a plan: its boxes, wires and size.
 #[derive(Clone, Debug)]
 pub struct Graph {
     root: Unit,
     hosts: Vec<String>,
+}
+
+/// The reason why a plan has no picture.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoPicture {
+    /// It has too many boxes.
+    #[error("{boxes} boxes are too many for a picture, which has at most {BOXES_MAX}")]
+    Boxes {
+        /// The processes, or the states.
+        boxes: usize,
+    },
+    /// It has too many arrows.
+    #[error("{arrows} arrows are too many for a picture, which has at most {ARROWS_MAX}")]
+    Arrows {
+        /// The wires, or the transitions.
+        arrows: usize,
+    },
+    /// It is not sound.
+    #[error("the plan is not sound: {0}")]
+    Unsound(PlanError),
 }
 
 /// Returns the picture of a spec, absent when there is an error, and all diagnostics.
@@ -78,6 +106,46 @@ pub fn graph_states(
         })
     });
     (graph, diagnostics)
+}
+
+/// Returns the picture of a plan, for a page that colours it: each box has the path of its process, and each arrow the numbers of
+/// its wires.
+///
+/// # Errors
+/// If the plan is too large or not sound.
+pub fn graph_of_plan(plan: &Plan) -> Result<Graph, NoPicture> {
+    fits(plan.groups.len() + plan.leaves.len(), plan.wires.len())?;
+    plan.validate().map_err(NoPicture::Unsound)?;
+    let root = plan::unit(plan).ok_or(NoPicture::Unsound(PlanError::Empty))?;
+    Ok(Graph { root, hosts: plan.hosts.clone() })
+}
+
+/// Returns the activities of a plan: their groups and paths.
+pub fn activities_of_plan(plan: &Plan) -> impl Iterator<Item = (usize, &str)> {
+    let groups = plan.groups.iter().enumerate();
+    groups.filter_map(|(number, group)| {
+        matches!(group.expression, Expression::Chart(_)).then_some((number, group.path.as_str()))
+    })
+}
+
+/// Returns the states of an activity of a plan as a picture, for a page that colours it: each box has the name of its state. None if
+/// this group is not an activity.
+///
+/// # Errors
+/// If the activity is too large, or the plan is not sound.
+pub fn graph_of_activity(plan: &Plan, group: usize) -> Result<Option<Graph>, NoPicture> {
+    let Some(group) = plan.groups.get(group) else { return Ok(None) };
+    let Expression::Chart(chart) = &group.expression else { return Ok(None) };
+    fits(chart.chart.states.len(), chart.chart.transitions.len())?;
+    plan.validate().map_err(NoPicture::Unsound)?;
+    Ok(Some(Graph { root: states::live_unit(chart, group), hosts: Vec::new() }))
+}
+
+fn fits(boxes: usize, arrows: usize) -> Result<(), NoPicture> {
+    if boxes > BOXES_MAX {
+        return Err(NoPicture::Boxes { boxes });
+    }
+    if arrows > ARROWS_MAX { Err(NoPicture::Arrows { arrows }) } else { Ok(()) }
 }
 
 impl Graph {

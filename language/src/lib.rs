@@ -54,7 +54,7 @@ pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_
 pub use fix::fix;
 pub use format::format;
 pub use gather::{Content, gather, without_groups};
-pub use graph::{Graph, graph, graph_states};
+pub use graph::{Graph, NoPicture, activities_of_plan, graph, graph_of_activity, graph_of_plan, graph_states};
 pub use host::host_name_problem;
 pub use message::{AskedModule, FieldType, Layout, Message, RecordType};
 pub use similar::nearest;

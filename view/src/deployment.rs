@@ -1,14 +1,19 @@
 //! A deployment as all its hosts report it, and its processes.
 
 use crate::identity::MissionId;
+use crate::mark::{LastEnd, Mark};
 use crate::text::{clean, is_name};
 use crate::wires::Wires;
 use comms::logic::time::Time;
+use language::plan::Plan;
 use node::logic::protocol::{AbsentProcess, ActivityStatus, Change, DeploymentStatus, OpenQuestion, ProcessStatus};
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// How many questions, and states of an activity, are kept with a process.
 const DETAILS_MAX: usize = 32;
+/// The most groups and leaves of a plan that is kept for pictures.
+const PLAN_MAX: usize = 2000;
 /// The state of a process that no node has reported.
 const UNKNOWN: &str = "unknown";
 
@@ -57,7 +62,25 @@ pub struct Process {
     pub states: Vec<String>,
     /// Its questions to people.
     pub questions: Vec<OpenQuestion>,
+    /// How its last activation has ended, until the next one.
+    pub last: Option<LastEnd>,
     pub(crate) changed: u64,
+}
+
+/// The plan of a deployment, for pictures.
+#[derive(Clone, Debug)]
+pub struct KnownPlan {
+    /// The number of the input that brought it: no other plan has this number.
+    pub number: u64,
+    /// The plan; none if it is too large to be kept.
+    pub plan: Option<Arc<Plan>>,
+}
+
+impl KnownPlan {
+    pub(crate) fn new(number: u64, plan: Box<Plan>) -> Self {
+        let is_kept = plan.groups.len() + plan.leaves.len() <= PLAN_MAX;
+        Self { number, plan: is_kept.then(|| Arc::from(plan)) }
+    }
 }
 
 /// A question of an activity to people.
@@ -85,14 +108,21 @@ pub struct End {
 }
 
 /// The last change of a process, as events tell it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Moment {
     pub(crate) at: Time,
     pub(crate) restarts: u32,
+    pub(crate) last: Option<LastEnd>,
 }
 
-/// The last changes of the processes of a deployment, by path.
-pub(crate) type Moments = BTreeMap<String, Moment>;
+/// The moments of a deployment, as events tell them, perhaps before any node has reported it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Moments {
+    /// When all of it was confirmed and began to run.
+    pub(crate) began: Option<Time>,
+    /// The last changes of its processes, by path.
+    pub(crate) processes: BTreeMap<String, Moment>,
+}
 
 /// The circumstances of a status.
 #[derive(Clone, Copy, Debug)]
@@ -129,6 +159,10 @@ pub struct LiveDeployment {
     pub end: Option<End>,
     /// Its processes, by path.
     pub processes: BTreeMap<String, Process>,
+    /// Its plan, once a node has told it.
+    pub plan: Option<KnownPlan>,
+    /// How each process has ended, once it is over and an event has told that.
+    pub ends: BTreeMap<String, LastEnd>,
     pub(crate) wires: Wires,
     pub(crate) changed: u64,
 }
@@ -168,7 +202,27 @@ impl Process {
         }
     }
 
-    fn new(look: Look<'_>, status: &ProcessStatus, moment: Option<Moment>) -> Self {
+    /// Returns its mark in a picture. `health` is its health in the model.
+    pub fn mark(&self, health: Health) -> Mark {
+        Mark::new(health, self.last.as_ref())
+    }
+
+    /// Returns the words for its mark in a picture.
+    pub fn mark_text(&self, health: Health) -> String {
+        match (health, &self.last) {
+            (Health::Quiet, Some(last)) => last.text.clone(),
+            // `idle, aborted: SIGSEGV`: the reason counts.
+            (Health::Failed, _) => {
+                let reason = ["idle, ", "ended, "].into_iter().find_map(|word| self.state.strip_prefix(word));
+                reason.unwrap_or(&self.state).to_owned()
+            }
+            (Health::Quiet, None) | (Health::Running | Health::Changing | Health::Unknown, _) => {
+                self.state_text(health)
+            }
+        }
+    }
+
+    fn new(look: Look<'_>, status: &ProcessStatus, moment: Option<&Moment>) -> Self {
         let ActivityStatus { states, questions, .. } = status.activity.clone().unwrap_or_default();
         let questions = questions.into_iter().take(DETAILS_MAX).map(|question| OpenQuestion {
             number: question.number,
@@ -187,6 +241,7 @@ impl Process {
             restarts: moment.map_or(0, |moment| moment.restarts),
             states: states.iter().take(DETAILS_MAX).map(|state| clean(state)).collect(),
             questions: questions.collect(),
+            last: moment.and_then(|moment| moment.last.clone()),
             changed: look.number,
         }
     }
@@ -197,18 +252,20 @@ impl Process {
             == (&other.state, &other.kind, &other.host, other.pid, other.restarts)
             && self.states == other.states
             && self.questions == other.questions
+            && self.last == other.last
     }
 }
 
 /// Takes note of an event about a process.
 pub(crate) fn note_moment(moments: &mut Moments, path: &str, change: &Change, at: Time) {
-    let moment = moments.entry(path.to_owned()).or_insert(Moment { at, restarts: 0 });
+    let moment = moments.processes.entry(path.to_owned()).or_insert(Moment { at, restarts: 0, last: None });
     if matches!(change, Change::Restarting { .. }) {
         moment.restarts += 1;
     }
     if !matches!(change, Change::Configured { .. } | Change::Switched(_)) {
         moment.at = at;
     }
+    moment.last = LastEnd::after(change, moment.last.take());
 }
 
 impl LiveDeployment {
@@ -219,6 +276,8 @@ impl LiveDeployment {
             began: None,
             end: None,
             processes: BTreeMap::new(),
+            plan: None,
+            ends: BTreeMap::new(),
             wires: Wires::default(),
             changed: number,
         }
@@ -252,7 +311,7 @@ impl LiveDeployment {
         let mut room = look.room;
         for status in part.processes.iter().filter(|status| is_name(&status.path)) {
             there.insert(status.path.as_str());
-            let moment = moments.and_then(|moments| moments.get(&status.path)).copied();
+            let moment = moments.and_then(|moments| moments.processes.get(&status.path));
             let new = Process::new(look, status, moment);
             let Some(old) = self.processes.get_mut(&status.path) else {
                 if room == 0 {
@@ -264,7 +323,7 @@ impl LiveDeployment {
                 continue;
             };
             if !old.is_like(&new) {
-                let is_told = |moment: &Moment| look.before.is_none_or(|before| moment.at > before);
+                let is_told = |moment: &&Moment| look.before.is_none_or(|before| moment.at > before);
                 let since = match moment.filter(is_told) {
                     Some(moment) => Since { at: moment.at, is_exact: true },
                     None if old.state == new.state => old.since,

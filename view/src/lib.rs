@@ -24,8 +24,10 @@
 mod changes;
 mod deployment;
 mod freshness;
+mod history;
 mod identity;
 mod input;
+mod mark;
 mod model;
 mod output;
 mod ring;
@@ -37,10 +39,12 @@ mod text;
 mod wires;
 
 pub use changes::{Changes, Gone, Position};
-pub use deployment::{End, Health, LiveDeployment, Process, Question, Since};
+pub use deployment::{End, Health, KnownPlan, LiveDeployment, Process, Question, Since};
 pub use freshness::{Freshness, STALE_AFTER};
+pub use history::PastChange;
 pub use identity::{Fleet, MissionId, RobotId};
 pub use input::{Input, Measured};
+pub use mark::{LastEnd, Mark};
 pub use model::{EventLine, Model};
 pub use output::OutputLine;
 pub use robot::{DatabaseLag, Presence, Robot};

@@ -1,8 +1,9 @@
 //! The model: takes inputs in, and gives viewers the changes since their last look.
 
 use crate::changes::{Changes, Gone, Position};
-use crate::deployment::{End, Health, LiveDeployment, Look, Moments, Process, Question, Taken, note_moment};
+use crate::deployment::{End, Health, KnownPlan, LiveDeployment, Look, Moments, Process, Question, Taken, note_moment};
 use crate::freshness::Freshness;
+use crate::history::{History, PastChange};
 use crate::identity::{Fleet, MissionId, RobotId};
 use crate::input::{Input, Measured};
 use crate::output::{Lines, OutputLine};
@@ -20,6 +21,8 @@ use std::time::Duration;
 /// How long a robot is shown that no node lists any more. A node that a link is lost to is left out for a moment before it is
 /// listed as missing.
 const GONE_AFTER: Duration = Duration::from_secs(10);
+/// A deployment that has ended before a view begins is shown if it has ended within this time.
+const RECENT: Duration = Duration::from_secs(600);
 /// The most robots.
 const ROBOTS_MAX: usize = 256;
 /// The most deployments that run.
@@ -72,6 +75,7 @@ pub struct Model {
     deployments: BTreeMap<MissionId, LiveDeployment>,
     /// The last changes of processes, perhaps before any node has reported the processes.
     moments: BTreeMap<MissionId, Moments>,
+    history: History,
     events: Ring<EventLine>,
     lines: Ring<OutputLine>,
     begun: Lines,
@@ -88,6 +92,7 @@ impl Model {
             robots: BTreeMap::new(),
             deployments: BTreeMap::new(),
             moments: BTreeMap::new(),
+            history: History::new(),
             events: Ring::new(EVENTS_MAX),
             lines: Ring::new(LINES_MAX),
             begun: Lines::default(),
@@ -106,7 +111,7 @@ impl Model {
             Input::Known { fleet, hosts } => self.known(now, fleet, &hosts),
             Input::Event { home, event } => self.event(now, home, *event),
             Input::Note { robot, text } => self.note(robot, &text),
-            Input::Plan { mission, plan } => self.plan(&mission, &plan),
+            Input::Plan { mission, plan } => self.plan(&mission, plan),
             Input::OutputBegins { mission, path } => {
                 self.begun.forget(&mission, &path);
                 self.lines.retain(|line| line.mission != mission || line.path != path);
@@ -158,6 +163,21 @@ impl Model {
     /// Returns the deployments that run and whose present plan is not known.
     pub fn without_plan(&self) -> impl Iterator<Item = &LiveDeployment> {
         self.deployments.values().filter(|live| !live.wires.is_planned && live.end.is_none())
+    }
+
+    /// Returns the deployment whose plan has this number.
+    pub fn planned(&self, number: u64) -> Option<&LiveDeployment> {
+        self.deployments.values().find(|live| live.plan.as_ref().is_some_and(|plan| plan.number == number))
+    }
+
+    /// Returns the changes of the processes of a deployment, in the order in which they were told.
+    pub fn history(&self, mission: &MissionId) -> impl Iterator<Item = &PastChange> {
+        self.history.of(mission)
+    }
+
+    /// Returns the time up to which the history may lack changes.
+    pub fn history_left(&self) -> Time {
+        self.history.left()
     }
 
     /// Returns the events, the oldest first.
@@ -274,7 +294,9 @@ impl Model {
                 self.omitted.items += 1;
                 return None;
             }
-            self.deployments.insert(id.clone(), LiveDeployment::new(id.clone(), self.position.number));
+            let began = self.moments.get(id).and_then(|moments| moments.began);
+            let new = LiveDeployment { began, ..LiveDeployment::new(id.clone(), self.position.number) };
+            self.deployments.insert(id.clone(), new);
         }
         let processes: usize = self.deployments.values().map(|live| live.processes.len()).sum();
         Some(PROCESSES_MAX.saturating_sub(processes))
@@ -389,7 +411,7 @@ impl Model {
             self.process_event(&id, path, change, at);
             (Some(path.clone()).filter(|path| is_name(path)), clean(&change_text(change)))
         } else {
-            self.deployment_event(&id, &report, at);
+            self.deployment_event(now, &id, &report, at);
             (None, clean(&report_text(&report)))
         };
         // These are for programs that record a mission.
@@ -401,21 +423,34 @@ impl Model {
     }
 
     fn process_event(&mut self, id: &MissionId, path: &str, change: &Change, at: Time) {
-        if !is_name(path) || self.moments.len() >= DEPLOYMENTS_MAX && !self.moments.contains_key(id) {
-            return;
-        }
-        let moments = self.moments.entry(id.clone()).or_default();
-        if moments.len() < PROCESSES_MAX || moments.contains_key(path) {
+        self.history.push(self.position.number, id, path, change, at);
+        if is_name(path)
+            && let Some(moments) = self.moments(id)
+            && (moments.processes.len() < PROCESSES_MAX || moments.processes.contains_key(path))
+        {
             note_moment(moments, path, change, at);
         }
     }
 
-    fn deployment_event(&mut self, id: &MissionId, report: &Report, at: Time) {
+    /// Returns the moments of a deployment, if there is room for them.
+    fn moments(&mut self, id: &MissionId) -> Option<&mut Moments> {
+        let has_room = self.moments.len() < DEPLOYMENTS_MAX || self.moments.contains_key(id);
+        has_room.then(|| self.moments.entry(id.clone()).or_default())
+    }
+
+    fn deployment_event(&mut self, now: Time, id: &MissionId, report: &Report, at: Time) {
         if matches!(report, Report::Finished { .. } | Report::Refused { .. }) {
-            self.moments.remove(id);
+            // A person who begins to look now wants to know what has just failed.
+            if now.since(at) < RECENT {
+                self.room_for(id);
+            }
+            let moments = self.moments.remove(id).unwrap_or_default().processes;
+            let ends = moments.into_iter().filter_map(|(path, moment)| Some((path, moment.last?))).collect();
             let end = End { at, text: clean(&report_text(report)), is_failed: is_failure(report), is_told: true };
-            self.mend(id, |live| live.end = Some(end));
+            self.mend(id, |live| (live.end, live.ends) = (Some(end), ends));
+            self.limit_ended();
         } else if matches!(report, Report::Go { .. }) {
+            self.moments(id).into_iter().for_each(|moments| moments.began = Some(at));
             self.mend(id, |live| live.began = Some(at));
         } else if matches!(report, Report::Changed { .. }) {
             self.mend(id, |live| live.wires.is_planned = false);
@@ -429,10 +464,11 @@ impl Model {
         }
     }
 
-    fn plan(&mut self, id: &MissionId, plan: &Plan) {
+    fn plan(&mut self, id: &MissionId, plan: Box<Plan>) {
         let number = self.position.number;
         let Some(live) = self.deployments.get_mut(id) else { return };
-        let (gone, omitted) = live.wires.plan(plan, number);
+        let (gone, omitted) = live.wires.plan(&plan, number);
+        (live.plan, live.changed) = (Some(KnownPlan::new(number, plan)), number);
         self.omitted.items += omitted;
         for wire in gone {
             self.gone.push(number, Gone::Wire(id.clone(), wire));

@@ -1,4 +1,7 @@
-//! The page of a live view: its files, and the changes of the model as JSON for its script.
+//! The page of a live view: its files, and the changes of the model as JSON for its scripts.
+
+mod picture;
+mod timeline;
 
 use comms::logic::time::Time;
 use serde_json::{Value, json};
@@ -7,15 +10,24 @@ use view::{
     STALE_AFTER, Wire,
 };
 
+pub(crate) use picture::{AskedPicture, picture};
+pub(crate) use timeline::{AskedTimeline, timeline};
+
 /// The page. The script takes the token of its session from it.
 const PAGE: &str = include_str!("live_page/page.html");
-pub(crate) const STYLE: &str = include_str!("live_page/page.css");
+const STYLE: &str = include_str!("live_page/page.css");
 pub(crate) const SCRIPT: &str = include_str!("live_page/page.js");
+pub(crate) const MISSIONS: &str = include_str!("live_page/missions.js");
 pub(crate) const ICON: &str = include_str!("live_page/icon.svg");
 
 /// Returns the page with the token of a session.
 pub(crate) fn page(token: &str) -> String {
     PAGE.replace("TOKEN", &super::page::text::escape(token))
+}
+
+/// Returns the style of the page, with that of the lanes of a report.
+pub(crate) fn style() -> String {
+    format!("{STYLE}{}", super::page::LANES)
 }
 
 /// Returns changes as JSON on one line.
@@ -58,10 +70,16 @@ fn robot(robot: &Robot, now: Time) -> Value {
 }
 
 fn deployment(live: &LiveDeployment, now: Time) -> Value {
+    let ends: serde_json::Map<String, Value> = live
+        .ends
+        .iter()
+        .map(|(path, end)| (path.clone(), json!({ "mark": end.mark.word(), "text": end.text })))
+        .collect();
     json!({
         "id": live.id.key(), "title": live.id.to_string(), "home": live.id.home, "phase": live.phase(), "ended": live.end.is_some(),
         "failed": live.end.as_ref().is_some_and(|end| end.is_failed),
         "age": live.end.as_ref().map(|end| end.at).or(live.began).map(|at| age(now, at)),
+        "plan": live.plan.as_ref().map(|plan| plan.number), "ends": ends,
     })
 }
 
@@ -70,7 +88,8 @@ fn process(model: &Model, id: &MissionId, process: &Process, now: Time) -> Value
     json!({
         "mission": id.key(), "path": process.path, "kind": process.kind, "host": process.host,
         "state": process.state_text(health), "health": health_word(health), "age": age(now, process.since.at), "exact": process.since.is_exact,
-        "pid": process.pid, "restarts": process.restarts,
+        "pid": process.pid, "restarts": process.restarts, "mark": process.mark(health).word(), "text": process.mark_text(health),
+        "states": if health == Health::Running { process.states.as_slice() } else { &[] },
     })
 }
 
@@ -116,44 +135,4 @@ fn age(now: Time, at: Time) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use node::logic::protocol::{Deployment, Event, Report};
-    use std::time::Duration;
-    use view::{Fleet, Input, Position, RobotId};
-
-    #[test]
-    fn nothing_runs_within_the_page() {
-        let page = page("a\"b");
-        assert!(page.contains("content=\"a&quot;b\"") && page.contains("<script src=\"/page.js\" defer></script>"));
-        assert_eq!(page.matches("<script").count(), 1);
-        let within = ["style=", "onclick", "onload", "javascript:", "http:", "https:"];
-        assert!(within.iter().all(|word| !page.contains(word)), "{page}");
-        // Texts of robots become text nodes.
-        let markup = ["innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("];
-        assert!(markup.iter().all(|word| !SCRIPT.contains(word)));
-    }
-
-    #[test]
-    fn changes_are_data_and_what_robots_say_stays_text() {
-        let mut model = Model::new(1);
-        let (now, time) = (Time::from_nanos(5_000_000_000), Duration::from_secs(1_800_000_000));
-        let (deployment, reasons) =
-            (Deployment { name: "door".into(), epoch: 1 }, vec!["<img src=x onerror=alert(1)>".into()]);
-        let report = Report::Refused { reasons };
-        let event = Event { deployment, number: 0, host: "r1".into(), ago: Duration::ZERO, report, time };
-        let robot = RobotId { host: "r1".into(), fleet: Fleet::Standing };
-        model.apply(now, Input::Event { home: robot.clone(), event: Box::new(event) });
-        model.apply(now, Input::Silent { robot, why: "it sleeps".into() });
-        let json = changes(&model, &model.since(Position::default()), now);
-        assert_eq!(json["whole"], true);
-        assert_eq!(json["events"][0]["text"], "refused: <img src=x onerror=alert(1)>");
-        assert_eq!(
-            (&json["robots"][0]["presence"], &json["robots"][0]["why"]),
-            (&json!("does not answer"), &json!("it sleeps"))
-        );
-        assert_eq!(json["ages"], json!({ "all": null, "robots": { "r1": null }, "limit": 3 }));
-        let line = json.to_string();
-        assert!(!line.contains('\n'), "an event of a stream is one line");
-    }
-}
+mod tests;

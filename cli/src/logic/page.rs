@@ -4,9 +4,9 @@
 //! the phases as bands behind it. A small script moves one cursor through all of them and reads the curves out; without
 //! the script everything but the cursor is there. Nothing is shown by colour alone.
 
-mod axis;
+pub(crate) mod axis;
 mod curves;
-mod lanes;
+pub(crate) mod lanes;
 mod panels;
 mod parts;
 pub(crate) mod text;
@@ -16,6 +16,8 @@ use crate::logic::record::Run;
 use axis::TimeAxis;
 
 const STYLE: &str = include_str!("page/style.css");
+/// The style of the lanes, which the page of a live view has as well.
+pub(crate) const LANES: &str = include_str!("page/lanes.css");
 const SCRIPT: &str = include_str!("page/script.js");
 
 /// Returns a run as one HTML page that needs nothing else.
@@ -33,7 +35,7 @@ pub fn page(run: &Run) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{name}</title>\n<style>\n{STYLE}</style>\n</head>\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{name}</title>\n<style>\n{STYLE}{LANES}</style>\n</head>\n\
          <body>\n<main>\n{body}</main>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n"
     )
 }

@@ -1,7 +1,7 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
 use crate::logic::http::{self, Door, Entry, Head, Status};
-use crate::logic::live_page::{self, ICON, SCRIPT, STYLE};
+use crate::logic::live_page::{self, AskedPicture, AskedTimeline, ICON, MISSIONS, SCRIPT};
 use comms::io::clock;
 use rustix::net::{RecvFlags, recv};
 use serde_json::{Value, json};
@@ -129,8 +129,13 @@ async fn answer(
     }
     let (kind, file) = match (head.is_post, head.path.as_str()) {
         (false, "/") => ("text/html; charset=utf-8", live_page::page(&shared.door.token)),
-        (false, "/page.css") => ("text/css; charset=utf-8", STYLE.to_owned()),
+        (false, "/page.css") => ("text/css; charset=utf-8", live_page::style()),
         (false, "/page.js") => ("text/javascript; charset=utf-8", SCRIPT.to_owned()),
+        (false, "/missions.js") => ("text/javascript; charset=utf-8", MISSIONS.to_owned()),
+        (false, "/picture" | "/timeline") => match drawn(shared, head).await {
+            Some(drawn) => ("application/json", drawn),
+            None => return refuse(stream, Status::BadRequest).await,
+        },
         (false, "/icon.svg") => ("image/svg+xml", ICON.to_owned()),
         // A browser that reconnects by itself tells the position in its field, and a script that opens a new stream in the query.
         (false, "/events") if head.last_event_id.is_empty() => {
@@ -143,6 +148,21 @@ async fn answer(
         (_, _) => return stream.write_all(&http::answer(Status::NotFound, TEXT, "", b"there is no such page\n")).await,
     };
     stream.write_all(&http::answer(Status::Ok, kind, "", file.as_bytes())).await
+}
+
+/// Returns a picture or a timeline. None if the query cannot be read.
+async fn drawn(shared: &Shared, head: &Head) -> Option<String> {
+    // Drawing takes a while, so it is done without the model, and beside the connections.
+    let drawing = if head.path == "/picture" {
+        let asked: AskedPicture = head.query.parse().ok()?;
+        let plan = asked.plan(&shared.model());
+        tokio::task::spawn_blocking(move || live_page::picture(asked, plan.as_deref()))
+    } else {
+        let asked: AskedTimeline = head.query.parse().ok()?;
+        let past = asked.past(&shared.model(), clock::now());
+        tokio::task::spawn_blocking(move || live_page::timeline(past.as_ref()))
+    };
+    Some(drawing.await.ok()?.to_string())
 }
 
 /// Returns whether the browser has closed its connection. The kernel is asked: the runtime may not have heard of the end yet.

@@ -21,6 +21,10 @@ pub(super) const PORT_STEP: i32 = 16;
 const ROW: i32 = 640;
 /// The second line of a leaf: its type.
 const TYPE_LINE: i32 = 16;
+/// The third line of a leaf that runs: its state.
+const STATE_LINE: i32 = 16;
+/// The columns for the state of a process that runs.
+const STATE_WIDTH: i32 = 126;
 
 /// A box with its place.
 #[derive(Clone, Debug, Default)]
@@ -80,7 +84,8 @@ pub(super) fn layout(unit: &Unit, hosts: &[String]) -> Placed {
 fn head_width(unit: &Unit, hosts: &[String]) -> i32 {
     let host = hosts.get(unit.host).map_or(0, |host| text_width(host));
     let kind = if unit.is_group { text_width(&unit.kind) + 12 } else { 0 };
-    let head = text_width(&unit.name) + kind + host + if unit.is_service { 46 } else { 30 };
+    let state = if unit.is_group && unit.key.is_some() { STATE_WIDTH } else { 0 };
+    let head = text_width(&unit.name) + kind + host + state + if unit.is_service { 46 } else { 30 };
     head.max(plate(unit).map_or(0, |plate| plate_width(&plate) + 16))
 }
 
@@ -92,14 +97,16 @@ fn names_width(unit: &Unit, direction: Direction) -> i32 {
 fn leaf(unit: &Unit, hosts: &[String]) -> Placed {
     let ports = names_width(unit, Direction::In) + names_width(unit, Direction::Out) + 44;
     let width = head_width(unit, hosts).max(text_width(&unit.kind) + 24).max(ports).max(96);
+    let width = if unit.key.is_some() { width.max(STATE_WIDTH + 8) } else { width };
+    let lines = BAND + TYPE_LINE + if unit.key.is_some() { STATE_LINE } else { 0 };
     let (mut ins, mut outs) = (0, 0);
     let places = unit.ports.iter().map(|port| {
         let (x, row) = if port.direction == Direction::In { (0, &mut ins) } else { (width, &mut outs) };
         *row += 1;
-        (x, BAND + TYPE_LINE + 6 + (*row - 1) * PORT_STEP + PORT_STEP / 2)
+        (x, lines + 6 + (*row - 1) * PORT_STEP + PORT_STEP / 2)
     });
     let ports = places.collect();
-    let height = BAND + TYPE_LINE + 12 + ins.max(outs) * PORT_STEP;
+    let height = lines + 12 + ins.max(outs) * PORT_STEP;
     Placed { width, height, ports, ..Placed::default() }
 }
 
@@ -153,8 +160,34 @@ fn rows(inner: &mut [Placed], members: &[usize], start: i32, width: i32) -> (i32
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Options, Source, graph};
+    use crate::plan::Plan;
+    use crate::{Options, Source, activities_of_plan, compile, graph, graph_of_activity, graph_of_plan};
     use std::path::Path;
+
+    /// Checks the pictures of a plan; returns how many there are.
+    fn check_live(path: &str, plan: &Plan) -> usize {
+        let activities = activities_of_plan(plan).filter_map(|(group, _)| graph_of_activity(plan, group).ok()?);
+        let graphs: Vec<_> = graph_of_plan(plan).into_iter().chain(activities).collect();
+        graphs.iter().for_each(|graph| check(path, &graph.root, &layout(&graph.root, &graph.hosts)));
+        if let Some(root) = super::super::plan::unit(plan) {
+            for (number, wire) in (0_u32..).zip(&plan.wires) {
+                let ends = [&wire.from, &wire.to].map(|end| plan.leaves[end.leaf as usize].path.split('/'));
+                let [from, to] = ends.map(Iterator::collect::<Vec<_>>);
+                let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+                // One arrow between the two members of the innermost common group, and one inside each border that is crossed.
+                let crossed = (from.len() - common).saturating_sub(1) + (to.len() - common).saturating_sub(1);
+                let is_own = from == to;
+                assert_eq!(arrows(&root, number), if is_own { 1 } else { 1 + crossed }, "{path}: {}", plan.ends(wire));
+            }
+        }
+        graphs.len()
+    }
+
+    /// How many arrows a wire runs along.
+    fn arrows(unit: &Unit, wire: u32) -> usize {
+        let own = unit.links.iter().filter(|link| link.wires.contains(&wire)).count();
+        own + unit.units.iter().map(|inner| arrows(inner, wire)).sum::<usize>()
+    }
 
     fn check(path: &str, unit: &Unit, placed: &Placed) {
         let path = format!("{path}/{}", unit.name);
@@ -211,7 +244,7 @@ mod tests {
 
     #[test]
     fn boxes_hold_their_parts_and_arrows_end_at_ports() {
-        let mut drawn = 0;
+        let (mut drawn, mut live) = (0, 0);
         for folder in ["tests/corpus", "tests/graph", "../specs"] {
             let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
             for path in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
@@ -225,8 +258,12 @@ mod tests {
                     check(&path.to_string_lossy(), &graph.root, &layout(&graph.root, &graph.hosts));
                     drawn += 1;
                 }
+                let name = path.to_string_lossy();
+                if let Some(plan) = compile(&read(&path), &interfaces, &Options::named("a")).plan {
+                    live += check_live(&name, &plan);
+                }
             }
         }
-        assert!(drawn > 10, "{drawn}");
+        assert!(drawn > 10 && live > drawn, "{drawn} {live}");
     }
 }

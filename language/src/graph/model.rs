@@ -8,6 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Clone, Debug)]
 pub(super) struct Unit {
     pub(super) name: String,
+    /// The absolute path of a process that runs, or the name of a state of one: a page colours its box by this.
+    pub(super) key: Option<String>,
     pub(super) kind: String,
     /// The text of the doc comments of its type.
     pub(super) doc: String,
@@ -41,6 +43,15 @@ pub(super) struct Link {
     pub(super) is_pull: bool,
     /// Whether no event action ever opens the set.
     pub(super) is_cut: bool,
+    /// The wires of the plan that run along it, in a picture of a process that runs.
+    pub(super) wires: Vec<u32>,
+}
+
+impl Link {
+    /// Returns an arrow that belongs to no connection set.
+    pub(super) fn plain(from: End, to: End) -> Self {
+        Self { from, to, set: None, label: String::new(), is_pull: false, is_cut: false, wires: Vec::new() }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -88,6 +99,7 @@ fn group(known: &Known<'_>, index: usize, name: &str, path: &str) -> Unit {
         messages.map(|port| Port { name: port.name.text.clone(), direction: port.direction, is_used: false });
     let mut unit = Unit {
         name: name.to_owned(),
+        key: None,
         kind: process.name.text.clone(),
         doc: process.doc.clone(),
         host: known.hosts.get(path).copied().unwrap_or(0),
@@ -131,6 +143,7 @@ fn leaf(known: &Known<'_>, process: &Process, slot: usize, path: &str) -> Unit {
     }
     Unit {
         name: instance.name.text.clone(),
+        key: None,
         kind: instance.kind.as_ref().map(|kind| kind.text.clone()).unwrap_or_default(),
         doc: module.map(|module| module.doc.clone()).unwrap_or_default(),
         host: known.hosts.get(path).copied().unwrap_or(0),
@@ -183,7 +196,7 @@ fn connect(unit: &mut Unit, process: &Process) {
         let Some(inner) = end(unit, &export.endpoint) else { continue };
         let is_in = unit.ports[index].direction == Direction::In;
         let (from, to) = if is_in { (border, inner) } else { (inner, border) };
-        links.push(Link { from, to, set: None, label: String::new(), is_pull: false, is_cut: false });
+        links.push(Link::plain(from, to));
     }
     for (index, set) in process.sets.iter().enumerate() {
         for connection in &set.connections {
@@ -195,6 +208,7 @@ fn connect(unit: &mut Unit, process: &Process) {
                 label: set.label.as_ref().map(|label| label.text.clone()).unwrap_or_default(),
                 is_pull: connection.transfer == Transfer::Pull,
                 is_cut: set.owner.is_some() && !open.contains(&index),
+                wires: Vec::new(),
             });
         }
     }
@@ -218,6 +232,7 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
         let slot = known.unwrap_or_else(|| {
             unit.units.push(Unit {
                 name: name.to_owned(),
+                key: None,
                 kind: if topic.way.is_service() { "service" } else { "topic" }.to_owned(),
                 doc: String::new(),
                 host: unit.host,
@@ -232,7 +247,7 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
         });
         let outer = End { unit: Some(slot), port: 0 };
         let (from, to) = if topic.way.is_outward() { (inner, outer) } else { (outer, inner) };
-        links.push(Link { from, to, set: None, label: String::new(), is_pull: false, is_cut: false });
+        links.push(Link::plain(from, to));
     }
     links
 }

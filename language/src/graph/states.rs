@@ -4,15 +4,42 @@
 //! states of different depth passes through ports of the states around them.
 
 use super::model::{End, Link, Port, Unit};
+use super::words;
 use crate::automaton::{Chart, History, StateKind, Target};
 use crate::check::spec::{ChartModel, Direction};
+use crate::plan::{Group, StateChart};
+use std::collections::BTreeMap;
 
 /// The port at which transitions arrive.
 const ARRIVAL: &str = "in";
 
+/// The texts in the picture of an activity.
+struct ChartTexts {
+    /// The trigger and the condition of each transition.
+    labels: Vec<String>,
+    /// The expression of each run, by its state.
+    runs: BTreeMap<usize, String>,
+    /// The host of each box: an index into the hosts.
+    host: usize,
+    /// Whether a page colours its states.
+    is_live: bool,
+}
+
 /// Returns the picture of an activity that runs on a host.
 pub(super) fn unit(model: &ChartModel, host: usize) -> Unit {
-    let chart = &model.chart.chart;
+    let states = model.runs.iter().map(|(state, _)| *state);
+    let runs = states.zip(model.run_labels.iter().cloned()).collect();
+    draw(&model.chart.chart, &ChartTexts { labels: model.labels.clone(), runs, host, is_live: false })
+}
+
+/// Returns the picture of an activity of a plan, for a page that colours its states.
+pub(super) fn live_unit(chart: &StateChart, group: &Group) -> Unit {
+    let labels = chart.chart.transitions.iter().map(|transition| words::transition(chart, transition)).collect();
+    let runs = chart.runs.iter().map(|run| (run.state as usize, words::members(&run.expression, group))).collect();
+    draw(&chart.chart, &ChartTexts { labels, runs, host: 0, is_live: true })
+}
+
+fn draw(chart: &Chart, texts: &ChartTexts) -> Unit {
     let mut drawing = Drawing { chart, boxes: vec![Drawn::default(); chart.states.len()] };
     for (state, declared) in chart.states.iter().enumerate() {
         let first: Vec<usize> = match &declared.kind {
@@ -29,7 +56,7 @@ pub(super) fn unit(model: &ChartModel, host: usize) -> Unit {
         };
         first.into_iter().for_each(|target| drawing.inward(state, target, ARRIVAL));
     }
-    for (transition, label) in chart.transitions.iter().zip(&model.labels) {
+    for (transition, label) in chart.transitions.iter().zip(&texts.labels) {
         match &transition.target {
             Target::Stay => drawing.note(transition.source, label),
             Target::Resume => drawing.note(transition.source, &format!("{label} → resume")),
@@ -40,7 +67,7 @@ pub(super) fn unit(model: &ChartModel, host: usize) -> Unit {
             }
         }
     }
-    drawing.unit(model, 0, host)
+    drawing.unit(texts, 0)
 }
 
 /// The ports of a state, and the arrows inside it.
@@ -141,12 +168,11 @@ impl Drawing<'_> {
     fn link(&mut self, around: usize, from: End, to: End) {
         let links = &mut self.boxes[around].links;
         if links.iter().all(|link| (link.from, link.to) != (from, to)) {
-            let label = String::new();
-            links.push(Link { from, to, set: None, label, is_pull: false, is_cut: false });
+            links.push(Link::plain(from, to));
         }
     }
 
-    fn unit(&self, model: &ChartModel, state: usize, host: usize) -> Unit {
+    fn unit(&self, texts: &ChartTexts, state: usize) -> Unit {
         let declared = &self.chart.states[state];
         let kind = match &declared.kind {
             StateKind::Atomic | StateKind::Compound { .. } => "",
@@ -156,20 +182,20 @@ impl Drawing<'_> {
             StateKind::History { depth: History::Shallow, .. } => "history",
             StateKind::History { depth: History::Deep, .. } => "deep history",
         };
-        let run = model.runs.iter().position(|(of, _)| *of == state).and_then(|run| model.run_labels.get(run));
-        let parts = [Some(kind), run.map(String::as_str)];
+        let parts = [Some(kind), texts.runs.get(&state).map(String::as_str)];
         let parts: Vec<&str> = parts.into_iter().flatten().filter(|part| !part.is_empty()).collect();
         let children = self.children(state);
         Unit {
             name: declared.name.clone(),
+            key: texts.is_live.then(|| declared.name.clone()),
             kind: parts.join(", "),
             doc: String::new(),
-            host,
+            host: texts.host,
             is_service: false,
             is_group: !children.is_empty(),
             ports: self.boxes[state].ports.clone(),
             resources: Vec::new(),
-            units: children.into_iter().map(|child| self.unit(model, child, host)).collect(),
+            units: children.into_iter().map(|child| self.unit(texts, child)).collect(),
             links: self.boxes[state].links.clone(),
         }
     }

@@ -54,14 +54,41 @@ impl View {
 
 fn deployed(cluster: &Cluster) -> (Host, [Program; 2]) {
     let here = cluster.here();
-    let programs = ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string());
-    let [controller, examples] = &programs;
-    let node = here.node("c1", &["--controllers", controller, "--controllers", examples]);
-    let file = cluster.file("door.dca", SPEC);
-    let arguments = ["deploy", "--no-record", "--controllers", controller, "--controllers", examples, &file];
-    let deploy = here.dca(&arguments);
+    let node = idle(&here);
+    let mission = deploy(cluster, &here);
+    (here, [node, mission])
+}
+
+/// Starts a node.
+fn idle(here: &Host) -> Program {
+    let [controller, examples] = programs();
+    here.node("c1", &["--controllers", &controller, "--controllers", &examples])
+}
+
+fn deploy(cluster: &Cluster, here: &Host) -> Program {
+    let ([controller, examples], file) = (programs(), cluster.file("door.dca", SPEC));
+    let deploy = here.dca(&["deploy", "--no-record", "--controllers", &controller, "--controllers", &examples, &file]);
     deploy.wait_for(Stream::Err, "▸", SOON);
-    (here, [node, deploy])
+    deploy
+}
+
+fn programs() -> [String; 2] {
+    ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string())
+}
+
+/// The session to programs is open by then, so programs describe themselves at once.
+#[test]
+fn a_client_after_one_that_left_while_nothing_ran_gets_the_ports() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = idle(&here);
+    let view = View::open(&here);
+    let mut first = Client::connect(&view.address);
+    first.channel("/events");
+    drop(first);
+    let _mission = deploy(&cluster, &here);
+    let mut next = Client::connect(&view.address);
+    next.channel("/ports/main/beat/Out");
 }
 
 #[test]

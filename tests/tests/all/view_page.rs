@@ -1,6 +1,6 @@
 //! The page of `dca view --page`, over direct connections and in a real browser.
 
-use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -232,6 +232,77 @@ fn two_runs_of_one_spec_are_two_missions() {
     assert!(!again.contains(&runs[0].pid().to_string()), "a command that has ended is not asked: {again}");
 }
 
+/// A group, an activity, and a connection.
+const PICTURED: &str = "
+    module Sleeper(host) { exec \"sleep 600\"; plain; done; }
+    activity Guard(here: Host) {
+        host { here }
+        look instof Sleeper(here);
+        initial state watching { run look; on done -> alarmed; }
+        state alarmed { on after 1 s -> watching; }
+    }
+    process Inner(here) {
+        host { here }
+        instantiated_processes { deep instof Sleeper(here); }
+        internal_event_actions { deep }
+    }
+    process main() {
+        host { c1 }
+        instantiated_processes { inner instof Inner(c1); guard instof Guard(c1); one instof Sleeper(c1); }
+        internal_event_actions { inner, guard, one? }
+    }";
+
+/// Returns the number of the plan in the changes that a stream has sent.
+fn plan_number(seen: &str) -> Option<u64> {
+    let (_, rest) = seen.rsplit_once("\"plan\":")?;
+    // It may not have come whole.
+    rest.split_once(',')?.0.parse().ok()
+}
+
+#[test]
+fn a_mission_has_pictures_and_a_timeline() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", PICTURED)]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let page = Page::open(&here);
+    let cookie = page.cookie();
+    let mut stream = page.request("GET /events", &cookie, "");
+    let mut seen = String::new();
+    while plan_number(&seen).is_none() {
+        seen += &read_until(&mut stream, ",");
+    }
+    let number = plan_number(&seen).expect("it was found");
+    let picture = page.ask(&format!("GET /picture?{number}"), &cookie, "");
+    assert!(picture.starts_with("HTTP/1.1 200") && picture.contains("application/json"), "{picture}");
+    for path in ["main", "main/inner", "main/inner/deep", "main/guard", "main/one"] {
+        assert!(picture.contains(&format!("data-key=\\\"{path}\\\"")), "{path}: {picture}");
+    }
+    let (_, group) = picture.split_once("\"group\":").expect("it has an activity");
+    let group: u64 = group.split(',').next().and_then(|group| group.parse().ok()).expect("it is a number");
+    let states = page.ask(&format!("GET /picture?{number}-{group}"), &cookie, "");
+    assert!(states.contains("data-key=\\\"watching\\\"") && states.contains("after 1 s"), "{states}");
+    let timeline = page.ask(&format!("GET /timeline?{number}"), &cookie, "");
+    assert!(timeline.contains("seconds since") && timeline.contains("inner running, "), "{timeline}");
+    for (wrong, status) in [("picture?", 400), ("picture?x", 400), ("timeline?1-x", 400), ("timeline?999999999", 200)] {
+        let answer = page.ask(&format!("GET /{wrong}"), &cookie, "");
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{wrong}: {answer}");
+    }
+    for secret in ["picture", "timeline"] {
+        let refused = page.ask(&format!("GET /{secret}?{number}"), "", "");
+        assert!(refused.starts_with("HTTP/1.1 403") && !refused.contains("svg"), "{refused}");
+    }
+    // A mission that is over keeps its pictures, and the marks of its ends.
+    cluster.expect_leaf("main/one").signal(Signal::SEGV);
+    read_until(&mut stream, "\"mark\":\"failed\"");
+    assert_eq!(here.ask(&["stop", "door"]).code, Some(0));
+    read_until(&mut stream, "\"ends\":{\"main");
+    assert!(page.ask(&format!("GET /picture?{number}"), &cookie, "").contains("main/inner/deep"));
+    let timeline = page.ask(&format!("GET /timeline?{number}"), &cookie, "");
+    assert!(timeline.contains("mark bad") && timeline.contains("SIGSEGV"), "{timeline}");
+}
+
 /// A person at a browser.
 struct Browser {
     child: Child,
@@ -309,4 +380,57 @@ fn a_person_sees_a_mission_in_a_browser() {
     browser.order("errors");
     browser.order("end");
     assert!(browser.child.wait().expect("it was started here").success());
+}
+
+/// The pictures of a mission: states in words and signs, a crash, a wire that loses values, and the keyboard.
+#[test]
+#[ignore = "long: a real browser"]
+fn a_person_sees_the_graph_of_a_mission_in_a_browser() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let controller = executable("dca-controller").display().to_string();
+    let _node = here.node("c1", &["--controllers", &controller]);
+    let page = Page::open(&here);
+    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
+    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
+    let wired = PICTURED
+        .replace(
+            "one instof Sleeper(c1);",
+            "one instof Sleeper(c1); beat instof RateSource(c1); monitor instof RateMonitor(c1);",
+        )
+        .replace(
+            "internal_event_actions { inner, guard, one? }",
+            "internal_connections(beat, on) { beat, Out -> monitor, In; }
+            internal_event_actions { inner, guard, one?, beat[on], monitor }",
+        );
+    let file = cluster.file("door.dca", &wired);
+    let mission = here.dca(&["deploy", "--no-record", "--controllers", &controller, &file]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    browser.order("mark main/inner running");
+    browser.order("mark main/guard running");
+    browser.order("open States of main/guard");
+    browser.order("mark watching running");
+    browser.order("open Timeline");
+    browser.order("see seconds since");
+    browser.order("picture graph");
+    cluster.expect_leaf("main/one").signal(Signal::SEGV);
+    browser.order("mark main/one failed");
+    browser.order("see ✕ aborted: SIGSEGV");
+    browser.order("lose main/beat, Out -> main/monitor, In");
+    browser.order("see ✕ 3.0/s lost");
+    browser.order("picture graph-crashed");
+    assert_eq!(here.ask(&["stop", "door"]).code, Some(0));
+    browser.order("see finished: stopped");
+    browser.order("mark main/one failed");
+    browser.order("mark main/inner stopped");
+    browser.order("picture graph-ended");
+    // A page that is opened later shows the same.
+    browser.order("reload");
+    browser.order("see finished: stopped");
+    browser.order("open Graph");
+    browser.order("mark main/one failed");
+    browser.order("errors");
+    browser.order("end");
+    assert!(browser.child.wait().expect("it was started here").success());
+    drop(mission);
 }

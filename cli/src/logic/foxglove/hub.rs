@@ -125,6 +125,11 @@ impl Hub {
         self.viewers.is_empty()
     }
 
+    /// Returns whether clients were told of a mission, so that its programs can be described.
+    pub(crate) fn has_mission(&self, id: &MissionId) -> bool {
+        self.missions.contains_key(id)
+    }
+
     /// Takes a message of a client in.
     pub(crate) fn take(&mut self, number: u64, frame: &Frame, at: Arrival) {
         let now = at.time;

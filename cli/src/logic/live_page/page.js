@@ -1,40 +1,15 @@
 "use strict";
-// The page of a live view. Texts of robots become text nodes, so nothing of them is markup.
+// The page of a live view. Texts of robots become text nodes, so nothing of them is markup. `missions.js` draws the missions.
 const token = document.querySelector("meta[name=dca-token]").content;
-const byId = (id) => document.getElementById(id);
-const model = { robots: new Map(), deployments: new Map(), processes: new Map(), wires: new Map(), events: [], questions: [] };
 const EVENTS_MAX = 500;
-const INDENT = 16;
 // Seconds without a sign of the view after which an order is taken back.
 const GIVE_UP_AFTER = 5;
 let ages = { all: null, robots: {}, limit: 3 };
 let heard = null;
 
-function element(name, className, text) {
-  const made = document.createElement(name);
-  if (className) made.className = className;
-  if (text !== undefined) made.textContent = text;
-  return made;
-}
-
-function age(seconds) {
-  if (seconds === null || seconds === undefined) return "";
-  if (seconds < 120) return `${Math.floor(seconds)} s`;
-  if (seconds < 7200) return `${Math.floor(seconds / 60)} min`;
-  return `${Math.floor(seconds / 3600)} h`;
-}
-
-const now = () => performance.now() / 1000;
-const since = (item) => (item.at === null ? null : now() - item.at);
-
-function phase(live) {
-  const time = since(live);
-  if (time === null) return live.phase;
-  return live.ended ? `${live.phase}, ${age(time)} ago` : `${live.phase} for ${age(time)}`;
-}
-
 function forget(mission) {
   model.deployments.delete(mission);
+  changed.delete(mission);
   for (const part of [model.processes, model.wires]) {
     for (const [key, item] of part) if (item.mission === mission) part.delete(key);
   }
@@ -44,6 +19,8 @@ function take(data) {
   if (data.whole) {
     for (const part of ["robots", "deployments", "processes", "wires"]) model[part].clear();
     model.events = [];
+    // Another view may give its plans the same numbers.
+    cards.clear();
   }
   for (const gone of data.gone) {
     if (gone.robot !== undefined) model.robots.delete(gone.robot);
@@ -54,6 +31,7 @@ function take(data) {
   const dated = (item) => Object.assign(item, { at: item.age === null || item.age === undefined ? null : now() - item.age });
   for (const robot of data.robots) model.robots.set(robot.host, robot);
   for (const live of data.deployments) model.deployments.set(live.id, dated(live));
+  for (const item of [...data.processes, ...data.deployments]) changed.add(item.mission ?? item.id);
   for (const process of data.processes) model.processes.set(`${process.mission}:${process.path}`, dated(process));
   for (const wire of data.wires) model.wires.set(`${wire.mission}:${wire.name}`, wire);
   model.events.push(...data.events);
@@ -80,35 +58,6 @@ function drawRobots() {
     return card;
   });
   byId("robots").replaceChildren(...cards);
-}
-
-function drawProcesses() {
-  const tables = [...model.deployments.values()].sort((a, b) => (a.id < b.id ? -1 : 1)).map((live) => {
-    const own = [...model.processes.values()].filter((one) => one.mission === live.id).sort((a, b) => (a.path < b.path ? -1 : 1));
-    const table = element("table", "tree");
-    const caption = element("caption", "", `${live.title}, home ${live.home}  `);
-    caption.append(element("span", live.failed ? "failed" : "quiet", phase(live)));
-    table.append(caption);
-    if (own.length > 0) {
-      const head = element("tr");
-      for (const [title, kind] of [["process", ""], ["state", ""], ["since", "number"], ["host", ""], ["pid", "number spare"]]) head.append(element("th", kind, title));
-      table.append(head);
-    }
-    for (const process of own) {
-      const row = element("tr");
-      const depth = process.path.split("/").length - 1;
-      const name = element("td", "", `${process.path.split("/").pop()}: ${process.kind}`);
-      // The policy forbids styles in the page, and permits them from its script.
-      name.style.paddingLeft = `${depth * INDENT}px`;
-      // Without an event that tells the moment, it was then or before.
-      const began = (process.exact ? "" : ">") + age(since(process));
-      const restarts = process.restarts ? `, restarted ${process.restarts} times` : "";
-      row.append(name, element("td", process.health, process.state + restarts), element("td", "number", began), element("td", "", process.host), element("td", "number spare", process.pid ?? ""));
-      table.append(row);
-    }
-    return table;
-  });
-  byId("deployments").replaceChildren(...(tables.length ? tables : [element("p", "quiet", "nothing is deployed")]));
 }
 
 function drawWires() {
@@ -178,7 +127,7 @@ function drawAlarms() {
 
 function draw() {
   drawRobots();
-  drawProcesses();
+  drawMissions();
   drawWires();
   drawEvents();
   drawQuestions();
@@ -286,4 +235,5 @@ follow();
 setInterval(() => {
   drawRobots();
   drawAlarms();
+  fetchPictures();
 }, 500);

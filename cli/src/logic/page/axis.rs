@@ -17,7 +17,8 @@ const LETTER: f64 = 6.4;
 
 /// Time since GO across a picture.
 #[derive(Debug)]
-pub(super) struct TimeAxis {
+pub(crate) struct TimeAxis {
+    begin: f64,
     end: f64,
     bands: Vec<Band>,
 }
@@ -39,7 +40,18 @@ impl TimeAxis {
             begin: phase.begin.as_secs_f64(),
             end: phase.end.unwrap_or(now).as_secs_f64(),
         });
-        Self { end: now.as_secs_f64().max(0.1), bands: bands.collect() }
+        Self { begin: 0.0, end: now.as_secs_f64().max(0.1), bands: bands.collect() }
+    }
+
+    /// Returns an axis without phases.
+    pub(crate) fn plain(begin: Duration, end: Duration) -> Self {
+        let begin = begin.as_secs_f64();
+        Self { begin, end: end.as_secs_f64().max(begin + 0.1), bands: Vec::new() }
+    }
+
+    /// Returns whether a time is before the axis begins.
+    pub(super) fn is_before(&self, time: Duration) -> bool {
+        time.as_secs_f64() < self.begin
     }
 
     /// Returns where a time is.
@@ -48,7 +60,7 @@ impl TimeAxis {
     }
 
     fn x_of(&self, time: f64) -> f64 {
-        LEFT + (RIGHT - LEFT) * (time / self.end).clamp(0.0, 1.0)
+        LEFT + (RIGHT - LEFT) * ((time - self.begin) / (self.end - self.begin)).clamp(0.0, 1.0)
     }
 
     /// Returns the phases as bands behind a picture of this height, and the cursor before it.
@@ -71,9 +83,10 @@ impl TimeAxis {
 
     /// Returns lines and numbers of the axis under a picture of this height.
     pub(super) fn ticks(&self, height: f64) -> String {
-        let (step, decimals) = step(self.end / 10.0);
+        let (step, decimals) = step((self.end - self.begin) / 10.0);
         let mut text = String::new();
-        let mut tick = 0.0;
+        // Adding zero turns -0 into 0.
+        let mut tick = (self.begin / step - 1e-9).ceil() * step + 0.0;
         while tick <= self.end {
             let x = self.x_of(tick);
             let unit = if tick + step > self.end { " s" } else { "" };

@@ -1,4 +1,4 @@
-//! The lanes of the page: when each process ran, and how that ended.
+//! The lanes of the page: when each process ran, and how that ended. The page of a live view has the same lanes.
 
 use crate::logic::mission::{Mission, seconds, short};
 use crate::logic::page::axis::{LEFT, TimeAxis, fits, svg};
@@ -14,29 +14,33 @@ use view::sentence::change_text;
 /// Height of a lane.
 const LANE: f64 = 18.0;
 /// The most lanes; with more, the picture would be unreadable.
-const LANES_MAX: usize = 250;
+pub(crate) const LANES_MAX: usize = 250;
 /// The indentation of a member relative to its group.
 const INDENT: usize = 2;
 /// The longest name, in letters.
 const NAME_MAX: usize = 25;
 
+/// The row of a process.
 #[derive(Debug)]
-struct Lane<'a> {
-    path: String,
+pub(crate) struct Lane<'a> {
+    pub(crate) path: String,
     depth: usize,
-    leaf: bool,
-    changes: Vec<(Duration, &'a Change)>,
+    pub(crate) leaf: bool,
+    /// Its state before its first change.
+    pub(crate) begins: State,
+    pub(crate) changes: Vec<(Duration, &'a Change)>,
 }
 
+/// The state of a process, as a lane shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
+pub(crate) enum State {
     Absent,
     Idle,
     Running,
     Stopping,
 }
 
-/// Returns the picture with its legend.
+/// Returns the picture of a run with its legend.
 pub(super) fn figure(run: &Run, mission: &Mission, axis: &TimeAxis) -> String {
     let mut changes: BTreeMap<&str, Vec<(Duration, &Change)>> = BTreeMap::new();
     for entry in &run.entries {
@@ -45,13 +49,19 @@ pub(super) fn figure(run: &Run, mission: &Mission, axis: &TimeAxis) -> String {
         }
     }
     let mut lanes = lanes(&run.header.plan);
-    let hidden = lanes.len().saturating_sub(LANES_MAX);
-    lanes.truncate(LANES_MAX);
     for lane in &mut lanes {
         lane.changes = changes.remove(lane.path.as_str()).unwrap_or_default();
     }
-    let height = LANE * f64::from(u32::try_from(lanes.len()).unwrap_or(u32::MAX));
-    let mut text = String::from("<figure>\n<figcaption><b>processes</b>\n<span class=\"legend\">\n");
+    let legend = legend();
+    format!(
+        "<figure>\n<figcaption><b>processes</b>\n<span class=\"legend\">\n{legend}</span></figcaption>\n{}</figure>\n",
+        picture(lanes, mission.now(), axis)
+    )
+}
+
+/// Returns the keys of the colours and signs.
+fn legend() -> String {
+    let mut text = String::new();
     for (class, name) in [("idle", "idle"), ("running", "running"), ("stopping", "stopping")] {
         text.push_str(&format!(
             "<span class=\"key\"><svg viewBox=\"0 0 24 10\"><rect class=\"{class}\" x=\"0\" y=\"{}\" width=\"24\" \
@@ -61,24 +71,37 @@ pub(super) fn figure(run: &Run, mission: &Mission, axis: &TimeAxis) -> String {
         ));
     }
     text.push_str("<span class=\"key\"><span class=\"good\">●</span>done</span>\n");
-    text.push_str("<span class=\"key\"><span class=\"bad\">✕</span>failed</span>\n</span></figcaption>\n");
-    text.push_str(&svg("plot", height + 20.0, "when each process ran"));
-    text.push_str(&axis.behind(height));
-    text.push_str(&axis.ticks(height));
-    for (row, lane) in (0_u32..).zip(&lanes) {
-        text.push_str(&lane_picture(lane, f64::from(row) * LANE, mission.now(), axis));
-    }
-    text.push_str(&axis.cursor(height));
-    text.push_str("</svg>\n");
+    text.push_str("<span class=\"key\"><span class=\"bad\">✕</span>failed</span>\n");
+    text
+}
+
+/// Returns the picture of the lanes up to `now`.
+fn picture(mut lanes: Vec<Lane<'_>>, now: Duration, axis: &TimeAxis) -> String {
+    let hidden = lanes.len().saturating_sub(LANES_MAX);
+    lanes.truncate(LANES_MAX);
+    let mut text = rows(&lanes, now, axis);
     if hidden > 0 {
         text.push_str(&format!("<p class=\"quiet\">Not shown: {}.</p>\n", counted(hidden, "row")));
     }
-    text.push_str("</figure>\n");
+    text
+}
+
+/// Returns the lanes as SVG.
+pub(crate) fn rows(lanes: &[Lane<'_>], now: Duration, axis: &TimeAxis) -> String {
+    let height = LANE * f64::from(u32::try_from(lanes.len()).unwrap_or(u32::MAX));
+    let mut text = svg("plot", height + 20.0, "when each process ran");
+    text.push_str(&axis.behind(height));
+    text.push_str(&axis.ticks(height));
+    for (row, lane) in (0_u32..).zip(lanes) {
+        text.push_str(&lane_picture(lane, f64::from(row) * LANE, now, axis));
+    }
+    text.push_str(&axis.cursor(height));
+    text.push_str("</svg>\n");
     text
 }
 
 /// Returns an empty lane for each process, each group before its members.
-fn lanes(plan: &Plan) -> Vec<Lane<'_>> {
+pub(crate) fn lanes<'a>(plan: &Plan) -> Vec<Lane<'a>> {
     let mut lanes = Vec::new();
     let mut stack = vec![(MemberKind::Group(0), 0)];
     while let Some((kind, depth)) = stack.pop() {
@@ -95,7 +118,8 @@ fn lanes(plan: &Plan) -> Vec<Lane<'_>> {
         };
         // The second half of the bound is for plans that go in circles.
         let Some(path) = path.filter(|_| lanes.len() < plan.groups.len() + plan.leaves.len()) else { continue };
-        lanes.push(Lane { path: path.clone(), depth, leaf, changes: Vec::new() });
+        let begins = if leaf { State::Idle } else { State::Absent };
+        lanes.push(Lane { path: path.clone(), depth, leaf, begins, changes: Vec::new() });
     }
     lanes
 }
@@ -112,7 +136,7 @@ fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> St
         escape(&name),
         y = top + LANE
     );
-    let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Absent }, Duration::ZERO);
+    let (mut state, mut since) = (lane.begins, Duration::ZERO);
     let mut marks = String::new();
     for (at, change) in &lane.changes {
         text.push_str(&span(lane, state, since, *at, top, axis));
@@ -142,8 +166,8 @@ fn states(lane: &Lane<'_>, now: Duration, top: f64, axis: &TimeAxis) -> String {
             bands.push(StateBand { name: states.join(", "), begin: *at, end: None });
         }
     }
-    let picture = |band: &StateBand| band.picture(lane, band.end.unwrap_or(now), top, axis);
-    bands.iter().map(picture).collect()
+    let shown = bands.iter().filter(|band| !axis.is_before(band.end.unwrap_or(now)));
+    shown.map(|band| band.picture(lane, band.end.unwrap_or(now), top, axis)).collect()
 }
 
 /// The time that an activity spends in the same states.
@@ -171,6 +195,28 @@ impl StateBand {
             seconds(end),
             LANE - 4.0
         )
+    }
+}
+
+impl State {
+    /// Returns the state before a change, as far as the change shows it.
+    pub(crate) fn before(change: &Change, leaf: bool) -> Self {
+        match change {
+            Change::Stopping | Change::Ended(_) | Change::Says { .. } | Change::Entered { .. } => Self::Running,
+            Change::Activated | Change::Died(_) | Change::Configured { .. } if leaf => Self::Idle,
+            Change::Restarting { .. } | Change::Renewing { .. } | Change::Replacing | Change::Reverting { .. } => {
+                Self::Running
+            }
+            Change::Activated
+            | Change::Died(_)
+            | Change::Configured { .. }
+            | Change::Started { .. }
+            | Change::Held { .. }
+            | Change::HeldBy { .. }
+            | Change::EndedLate
+            | Change::Switched(_)
+            | Change::Resumed => Self::Absent,
+        }
     }
 }
 
@@ -202,7 +248,7 @@ fn span(lane: &Lane<'_>, state: State, begin: Duration, end: Duration, top: f64,
         State::Running => ("running", 3.0),
         State::Stopping => ("stopping", 3.0),
     };
-    if end <= begin {
+    if end <= begin || axis.is_before(end) {
         return String::new();
     }
     let (x, width) = (axis.x(begin), (axis.x(end) - axis.x(begin)).max(1.0));
@@ -218,6 +264,9 @@ fn span(lane: &Lane<'_>, state: State, begin: Duration, end: Duration, top: f64,
 }
 
 fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxis) -> String {
+    if axis.is_before(at) {
+        return String::new();
+    }
     let (class, sign) = match change {
         Change::Ended(Ending::Done(_)) => ("good", "●"),
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),

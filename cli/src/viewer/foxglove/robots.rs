@@ -199,7 +199,7 @@ impl Robots {
         }
         let now = clock::now();
         self.open(live, model);
-        self.locate(live, model, now);
+        self.locate(live, model, hub, now);
         let is_there = |name: &ProgramName| {
             let mut lives = model.deployments().filter(|live| live.id == name.mission && live.end.is_none());
             lives.any(|live| live.processes.contains_key(&name.path))
@@ -239,9 +239,11 @@ impl Robots {
         }
     }
 
-    fn locate(&mut self, live: &Live, model: &Model, now: Time) {
+    /// Asks where the programs are. The answers of programs of a mission that the hub does not have yet would be lost.
+    fn locate(&mut self, live: &Live, model: &Model, hub: &Hub, now: Time) {
         let heard = |fleet| matches!(self.sessions.get(&fleet), Some(Session::Open(_)));
-        for one in model.deployments().filter(|one| one.end.is_none() && heard(one.id.fleet)) {
+        let running = model.deployments().filter(|one| one.end.is_none() && hub.has_mission(&one.id));
+        for one in running.filter(|one| heard(one.id.fleet)) {
             for host in one.phases.keys() {
                 let place = (host.clone(), one.id.clone());
                 if self.located.get(&place).is_some_and(|asked| now.since(*asked) < LOCATE_EVERY) {

@@ -31,6 +31,16 @@ pub(super) struct News {
     asked: u64,
     /// The open questions, by their places in the chart.
     open: BTreeMap<u32, Asked>,
+    /// The last answer that was taken.
+    answered: Option<Answered>,
+}
+
+/// An answer that was taken: another person who answers the same question is told about it.
+#[derive(Debug, Serialize, Deserialize)]
+struct Answered {
+    number: u64,
+    option: String,
+    by: String,
 }
 
 /// A question that is open.
@@ -109,6 +119,8 @@ impl Executer {
                         context,
                         out,
                     );
+                    let (number, option) = (*question, option.clone());
+                    self.outside.news.answered = Some(Answered { number, option, by });
                 } else if let ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) = told {
                     self.tell_people(format!("gets the order of {by}: {notice}"), context, out);
                 }
@@ -149,7 +161,11 @@ impl Executer {
                     self.outside.news.open.iter().find(|(_, asked)| asked.number == *question).map(|(place, _)| *place);
                 let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
                 let event = notice.and_then(|notice| chart.notice(&notice));
-                event.ok_or_else(|| format!("question {question} of `{path}` is not open"))
+                event.ok_or_else(|| {
+                    let answered = self.outside.news.answered.as_ref().filter(|one| one.number == *question);
+                    let why = answered.map(|one| format!(": the answer `{}` of {} was taken", one.option, one.by));
+                    format!("question {question} of `{path}` is not open{}", why.unwrap_or_default())
+                })
             }
         }
     }

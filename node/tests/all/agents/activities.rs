@@ -260,12 +260,16 @@ fn one_of_two_answers_counts_and_both_are_recorded() {
     assert_eq!(orders, ["suspend"]);
     let refused = answer(&mut world, 1, "maybe").unwrap_err();
     assert_eq!(refused, "no question of `main/round` has the answer `maybe`");
-    for (by, option) in [("ann", "yes"), ("bob", "no")] {
+    let [_, second] = [("ann", "yes"), ("bob", "no")].map(|(by, option)| {
         let told = ActivityInput::Answer { question: 1, option: option.into() };
         let request = TellRequest { name: "test".into(), process: "round".into(), order: told, by: by.into() };
-        world.ask("c1", Request::Tell(Box::new(request)));
-    }
+        world.ask("c1", Request::Tell(Box::new(request)))
+    });
     world.run_for(Duration::from_secs(1));
+    let [Answer::Delivered(Delivery::Refused(why))] = world.answers[&second].as_slice() else {
+        panic!("{:?}", world.answers[&second])
+    };
+    assert_eq!(why, "question 1 of `main/round` is not open: the answer `yes` of ann was taken");
     let said = said(&world, call);
     let expected = [
         "is in out",

@@ -1,8 +1,9 @@
 """Looks at the page of `dca view --page` as a person does, in a real browser.
 
 Arguments: the link, the folder for pictures. Reads words from standard input and answers each with a line: `see TEXT` waits for a text,
-`gone TEXT` waits until it is gone, `press NAME` presses a button, `picture NAME` draws it at 390 and 1400 pixels, `again N` opens the page in N
-further windows, and then looks at the first one again, `errors` fails if the page had errors, `end` ends it.
+`gone TEXT` waits until it is gone, `press NAME` presses a button, `open NAME` opens a folded part with the keyboard, `mark KEY MARK` waits until a
+box of a picture has a mark, `lose WIRE` has a wire lose values on the page, `picture NAME` draws it at 390 and 1400 pixels, `again N` opens the page
+in N further windows, and then looks at the first one again, `reload` opens it again, `errors` fails if the page had errors, `end` ends it.
 """
 
 import sys
@@ -32,9 +33,26 @@ CONTRASTS = """() => {
     }
     return [255, 255, 255];
   };
+  // The texts of a box stand on its band or below it, and those on a plate on the plate.
+  const grounds = (element) => {
+    const parts = element instanceof SVGElement ? [...element.parentElement.children].filter((part) => part.matches(".box, .band")) : [];
+    const plate = element.previousElementSibling;
+    const own = plate?.matches?.(".plate") ? [plate] : parts;
+    const fills = own.map((part) => numbers(getComputedStyle(part).fill));
+    return fills.length ? fills : [behind(element)];
+  };
+  const ink = (element) => numbers(getComputedStyle(element)[element instanceof SVGElement ? "fill" : "color"]).slice(0, 3);
   return [...document.querySelectorAll("body *")]
-    .filter((element) => element.checkVisibility() && [...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim()))
-    .map((element) => [element.textContent.slice(0, 40), numbers(getComputedStyle(element).color).slice(0, 3), behind(element).slice(0, 3)]);
+    .filter((element) => element.checkVisibility() && !element.matches("title, option"))
+    .filter((element) => [...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim()))
+    .flatMap((element) => grounds(element).map((ground) => [element.textContent.slice(0, 40), ink(element), ground.slice(0, 3)]));
+}"""
+
+
+# No robot of a test loses values, so the page is told so.
+LOSE = """(name) => {
+  for (const wire of model.wires.values()) if (wire.name === name) Object.assign(wire, { lost: 12, lostASecond: 3 });
+  draw();
 }"""
 
 
@@ -53,7 +71,7 @@ def picture(page, name):
             wide = page.evaluate("document.documentElement.scrollWidth")
             assert wide <= width, f"{name} is {wide} wide in {width}"
             check_contrast(page)
-            page.screenshot(path=f"{FOLDER}/{name}-{scheme}-{width}.png")
+            page.screenshot(path=f"{FOLDER}/{name}-{scheme}-{width}.png", full_page=True)
 
 
 def open_again(page, count):
@@ -86,11 +104,22 @@ def main():
             order, _, text = line.strip().partition(" ")
             try:
                 if order == "see":
-                    page.get_by_text(text).first.wait_for(timeout=WITHIN)
+                    page.get_by_text(text).locator("visible=true").first.wait_for(timeout=WITHIN)
                 elif order == "gone":
                     page.get_by_text(text).first.wait_for(state="hidden", timeout=WITHIN)
                 elif order == "press":
                     page.get_by_role("button", name=text, exact=True).first.click(timeout=WITHIN)
+                elif order == "open":
+                    summary = page.locator("summary", has_text=text).first
+                    summary.focus(timeout=WITHIN)
+                    page.keyboard.press("Enter")
+                elif order == "mark":
+                    key, _, word = text.rpartition(" ")
+                    page.locator(f'g.unit.{word}[data-key="{key}"]').first.wait_for(state="attached", timeout=WITHIN)
+                elif order == "lose":
+                    page.evaluate(LOSE, text)
+                elif order == "reload":
+                    page.reload()
                 elif order == "picture":
                     picture(page, text)
                 elif order == "again":
