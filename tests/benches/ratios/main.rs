@@ -3,7 +3,7 @@
 //!
 //! Measured are: a hop between two controllers, one writer with many readers, the greatest rate, a call and a message
 //! to a queue, a row of stages, the time from the end of one process to the run of the next, the end of a program that
-//! is killed, and the start of a whole deployment. The measured programs are this executable again, started with other
+//! is killed, the start of a whole deployment, and the way through a bridge to ROS 2. The measured programs are this executable again, started with other
 //! arguments.
 
 mod call;
@@ -18,6 +18,7 @@ mod programs;
 mod raw;
 mod raw_memory;
 mod raw_streams;
+mod ros;
 mod sdk;
 mod start;
 mod streams;
@@ -33,6 +34,7 @@ fn main() -> ExitCode {
     let result = match arguments.first().map(String::as_str) {
         Some("raw") => raw::side(&arguments[1..]),
         Some("stream") => raw_streams::side(&arguments[1..]),
+        Some("ros") => ros::side(&arguments[1..]),
         Some(_) if arguments.iter().any(|argument| argument == "--bench") => {
             bench(arguments.iter().map(String::as_str).find(|argument| !argument.starts_with('-')))
         }
@@ -48,8 +50,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only the named benchmark: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`, `faults` or
-/// `start`.
+/// Measures everything, or only the named benchmark: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`, `faults`,
+/// `start` or `ros`.
 fn bench(only: Option<&str>) -> anyhow::Result<()> {
     let folder = Folder::new()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -87,6 +89,10 @@ fn bench(only: Option<&str>) -> anyhow::Result<()> {
         if wanted("start") {
             say("from PREPARE to GO …")?;
             start::measure(&folder.0, &mut table).await?;
+        }
+        if wanted("ros") {
+            say("through a bridge to ROS 2 …")?;
+            ros::measure(&folder.0, &mut table).await?;
         }
         anyhow::Ok(())
     })?;
