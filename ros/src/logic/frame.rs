@@ -166,7 +166,7 @@ mod tests {
         ] {
             assert_eq!((prefix.outward(inside).as_str(), prefix.inward(outside).as_str()), (outside, inside));
         }
-        // An old publisher writes a slash in front, and a frame that has only the prefix is no frame of this robot.
+        // An old publisher writes a slash in front. A name that is only the prefix does not belong to this robot.
         let inward =
             ["/r1/base_link", "/map", "r1/", "r1//map", "r10/base_link", "/"].map(|frame| prefix.inward(frame));
         assert_eq!(inward, ["base_link", "/map", "/r1/", "/r1//map", "/r10/base_link", ""]);
@@ -246,10 +246,10 @@ mod tests {
                 Count::Any => next(seed, 4),
                 Count::Max(max) => next(seed, 4).min(max),
             };
-            match field.element {
-                Element::Primitive(Primitive::U8 | Primitive::Byte) => Value::Bytes(vec![7; count]),
-                _ => Value::List((0..count).map(|_| element(schema, &field.element, seed)).collect()),
+            if let Element::Primitive(Primitive::U8 | Primitive::Byte) = field.element {
+                return Value::Bytes(vec![7; count]);
             }
+            Value::List((0..count).map(|_| element(schema, &field.element, seed)).collect())
         });
         Value::Record(fields.collect())
     }

@@ -16,7 +16,7 @@ use controllers::sdk::{
     Registry, Stopping,
 };
 use node::logic::protocol::{Change, Report};
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, kill_process};
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -125,7 +125,10 @@ async fn kill_bridge(node: &mut Node, session: &Session, router: &Side) -> anyho
             break;
         }
         let at = now();
-        kill_process(Pid::from_raw(i32::try_from(pid)?).context("no process has the id 0")?, Signal::KILL)?;
+        kill_process(
+            Pid::from_raw(i32::try_from(pid)?).context("no process has the id 0")?,
+            rustix::process::Signal::KILL,
+        )?;
         let number = line.number;
         line.say_until(load, |heard| heard > number + 1)?;
         samples[0].push(now().since(at));
@@ -228,7 +231,7 @@ struct Line {
     number: u32,
 }
 
-/// What became of the images of one round.
+/// The times of one round, and how many images did not come back.
 struct Found {
     round: Round,
     lost: u32,

@@ -11,7 +11,7 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 use zenoh_ext::{
     AdvancedPublisherBuilderExt, AdvancedSubscriber, AdvancedSubscriberBuilderExt, CacheConfig, HistoryConfig,
-    RecoveryConfig,
+    MissDetectionConfig, RecoveryConfig,
 };
 
 const ECHO: &str = "
@@ -215,10 +215,12 @@ fn static_transforms_of_several_nodes_are_there_for_late_ones() {
         format!("7/{name}/tf2_msgs::msg::dds_::TFMessage_/{hash}")
     };
     // Each of two nodes has published its transforms before there is a mission.
+    let node = ros.client();
     let nodes = [("r1/laser", 1), ("r1/camera", 2)].map(|(child, sender)| {
-        let publisher = ros.session.declare_publisher(key("tf_static")).advanced();
+        let publisher = node.declare_publisher(key("tf_static")).advanced();
         let publisher = publisher.cache(CacheConfig::default().max_samples(1)).publisher_detection();
-        let publisher = publisher.wait().expect("a peer of a test");
+        let detection = MissDetectionConfig::default().sporadic_heartbeat(Duration::from_millis(500));
+        let publisher = publisher.sample_miss_detection(detection).wait().expect("a peer of a test");
         let mut told = attachment(1);
         told[17..].fill(sender);
         publisher.put(transforms("r1/base_link", &[child])).attachment(told).wait().expect("a peer of a test");

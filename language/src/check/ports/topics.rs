@@ -60,8 +60,10 @@ fn check_frames(connection: &TopicConnection, of: &TypeName) -> Option<Diagnosti
     }
     let is_static = is_transforms(of) && connection.name.as_str().ends_with("/tf_static");
     if is_static && connection.qos.durability != Durability::TransientLocal {
-        let found = error(format!("the quality of service of `{}` keeps no transforms for late subscribers", connection.name));
-        return found.map(|found| found.help("write `qos = transient_local(1)`, as publishers of static transforms have it"));
+        let found =
+            error(format!("the quality of service of `{}` keeps no transforms for late subscribers", connection.name));
+        return found
+            .map(|found| found.help("write `qos = transient_local(1)`, as publishers of static transforms have it"));
     }
     None
 }

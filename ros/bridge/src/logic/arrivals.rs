@@ -82,12 +82,12 @@ impl Arrivals {
         Self { conversion, depth: depth.max(1), waiting, senders, counts }
     }
 
-    /// Takes a message. The oldest that waits gives way to it.
+    /// Takes a message in parts. The oldest that waits gives way to it.
     ///
     /// # Errors
     /// It is not passed on.
-    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<(), Told> {
-        let Passed { attachment, value } = self.passed(attachment, message).map_err(|why| {
+    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, parts: &[&[u8]]) -> Result<(), Told> {
+        let Passed { attachment, value } = self.passed(attachment, parts).map_err(|why| {
             self.counts.refused += 1;
             Told { why, refused: self.counts.refused }
         })?;
@@ -106,11 +106,20 @@ impl Arrivals {
         Ok(())
     }
 
-    /// Returns the value of a message, and its attachment.
-    fn passed(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<Passed, Refused> {
+    /// Returns the value of a message, and its attachment. The bytes are copied once if nothing changes them.
+    fn passed(&mut self, attachment: Option<&[u8]>, parts: &[&[u8]]) -> Result<Passed, Refused> {
         let attachment = decoded(attachment)?;
-        let message = self.conversion.convert(Cow::Borrowed(message))?;
-        Ok(Passed { attachment, value: value::of_message(&message) })
+        let length = parts.iter().map(|part| part.len()).sum::<usize>();
+        if length > MESSAGE_MAX {
+            return Err(Refused::Long(length));
+        }
+        let value = value::of_parts(parts);
+        let message = value.get(value.len() - length..).unwrap_or_default();
+        let changed = match self.conversion.convert(Cow::Borrowed(message))? {
+            Cow::Borrowed(_) => None,
+            Cow::Owned(changed) => Some(value::of_message(&changed)),
+        };
+        Ok(Passed { attachment, value: changed.unwrap_or(value) })
     }
 
     /// Returns the next message that waits.
@@ -183,7 +192,7 @@ mod tests {
     }
 
     fn take(arrivals: &mut Arrivals, sequence: i64) {
-        arrivals.take(Some(&attachment(sequence)), &[0, 1, 0, 0, 7]).unwrap();
+        arrivals.take(Some(&attachment(sequence)), &[&[0, 1, 0, 0, 7]]).unwrap();
     }
 
     #[test]
@@ -220,7 +229,7 @@ mod tests {
             let transform = TransformStamped { child_frame_id: child.to_owned(), ..TransformStamped::default() };
             let message = TFMessage { transforms: vec![transform] }.to_cdr().unwrap();
             let attachment = Attachment { sequence: 1, nanos: 0, sender: Gid([sender; 16]) }.encode();
-            arrivals.take(Some(&attachment), &message).unwrap();
+            arrivals.take(Some(&attachment), &[&message]).unwrap();
         }
         let Arrived { lost, value } = arrivals.next().unwrap();
         let all = TFMessage::from_cdr(value::message_in(&value).unwrap()).unwrap();
@@ -244,7 +253,7 @@ mod tests {
             (Some(&whole), &[0, 1, 0, 0, 7, 0, 0, 0, 0], Refused::Bytes(CdrError::Rest(4))),
             (Some(&whole), &long, Refused::Long(long.len())),
         ]) {
-            assert_eq!(arrivals.take(attachment, message), Err(Told { why, refused }));
+            assert_eq!(arrivals.take(attachment, &[message]), Err(Told { why, refused }));
         }
         assert_eq!((arrivals.next(), arrivals.counts()), (None, Counts { refused: 8, ..Counts::default() }));
     }

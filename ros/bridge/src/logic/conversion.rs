@@ -1,4 +1,4 @@
-//! What the bridge changes in the messages of a topic: the names of frames, and static transforms, which are merged.
+//! Changes the messages of a topic: the names of frames, and static transforms, which are merged.
 
 use super::arrivals::{Refused, short};
 use super::statics::Statics;
