@@ -22,6 +22,7 @@ mod timer;
 mod validate;
 
 use crate::automaton::{Failure, Trigger};
+use ros::logic::route::Route;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -51,6 +52,8 @@ pub const LEAVES_MAX: usize = 10_000;
 
 /// The controller type of the bridge to ROS 2, which is added to a plan with topics.
 pub const BRIDGE: &str = "RosBridge";
+/// The argument of the bridge that has its routes.
+pub(crate) const ROUTES: &str = "routes";
 /// The controller type that has the ports of an activity. A plan has one for each activity with connections.
 pub const PORTS: &str = "ActivityPorts";
 /// The program that offers it, beside that of the node.
@@ -120,6 +123,18 @@ impl Plan {
     /// Returns whether a leaf has the ports of an activity.
     pub fn has_ports(&self, leaf: u32) -> bool {
         self.leaves.get(leaf as usize).is_some_and(|leaf| leaf.module == PORTS)
+    }
+
+    /// Returns whether any number of processes may send to a port at the same time: the bridge to ROS 2 publishes their transforms.
+    pub fn has_many_senders(&self, port: &LeafPort) -> bool {
+        let bridge = self.leaves.get(port.leaf as usize).filter(|leaf| leaf.module == BRIDGE);
+        let arguments = bridge.into_iter().flat_map(|leaf| &leaf.arguments);
+        let routes = arguments.filter(|argument| argument.name.as_deref() == Some(ROUTES)).find_map(|argument| {
+            let Constant::Text(text) = &argument.value else { return None };
+            Route::list(text)
+        });
+        let mut routes = routes.into_iter().flatten();
+        routes.any(|route| route.port() == port.port && route.has_transforms())
     }
 
     /// Returns the ends of a wire: `main/a, Out -> main/b, In`.

@@ -3,6 +3,7 @@
 pub mod attachment;
 pub mod cdr;
 pub mod definition;
+pub mod frame;
 pub mod hash;
 pub mod key;
 pub mod library;

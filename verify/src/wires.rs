@@ -32,6 +32,9 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
     let mut inputs: BTreeMap<(u32, &str), Vec<Line>> = BTreeMap::new();
     for line in &lines {
         let to = &model.plan.wires[line.wire as usize].to;
+        if model.plan.has_many_senders(to) {
+            continue;
+        }
         inputs.entry((to.leaf, &to.port)).or_default().push(*line);
     }
     let mut is_open = false;

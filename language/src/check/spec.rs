@@ -8,6 +8,7 @@ use crate::plan::{Backoff, Constant, Environment, LeafKind, OnBoot, Policy, Qual
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
+use ros::logic::frame::FramePrefix;
 use ros::logic::key::GraphName;
 use ros::logic::qos::Qos;
 use ros::logic::route::Way;
@@ -282,6 +283,8 @@ pub(crate) struct TopicConnection {
     pub(crate) endpoint: Endpoint,
     pub(crate) name: GraphName,
     pub(crate) qos: Qos,
+    /// The prefix of the frames of the robot in ROS 2.
+    pub(crate) frames: Option<FramePrefix>,
     pub(crate) way: Way,
     pub(crate) span: Span,
 }

@@ -124,6 +124,7 @@ kinds! {
         Keys "keys of the database"
         Topic "a topic or a service of ROS 2"
         TopicQuality "the quality of service of a topic"
+        FramePrefix "the prefix of the frames of a topic"
         Quality "a connection quality"
         Actions "an event-action section"
         Resources "resources"

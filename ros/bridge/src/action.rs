@@ -4,6 +4,7 @@
 use crate::io::services::{Caller, Client, Service};
 use crate::io::{Graph, RosSession, Subscriber, Waiting, depth, lock};
 use crate::logic::arrivals::Arrivals;
+use crate::logic::conversion::Conversion;
 use crate::logic::goal::{CancelAnswer, Effect, Ending, Goal, Input, Status};
 use crate::logic::network::Network;
 use crate::logic::parts;
@@ -116,7 +117,7 @@ impl Action {
         let ports = vec![PortInterface::optional(FEEDBACK, Direction::Out, feedback)];
         let about = interface().about.stop_within(Duration::from_millis(stop));
         let interface = Interface { ports, about, ..interface() };
-        let waiting = Arc::new(Mutex::new(Arrivals::new(forms.feedback.clone(), depth(QOS))));
+        let waiting = Arc::new(Mutex::new(Arrivals::new(Conversion::none(forms.feedback.clone()), depth(QOS))));
         let (network, node) = (setup::network(arguments)?, setup::node_name(arguments));
         let (graph, forms) = (Graph::default(), Arc::new(forms));
         Ok(Self { interface, name, forms, network, node, graph, feedback: waiting, running: None, waker: None })

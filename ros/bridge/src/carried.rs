@@ -3,15 +3,15 @@
 use crate::io::services::{Client, Server, Service};
 use crate::io::{Publisher, RosSession, Subscriber, Waiting, depth, lock};
 use crate::logic::arrivals::{Arrivals, Counts};
+use crate::logic::conversion::Conversion;
 use crate::logic::network::Network;
 use crate::setup;
 use comms::logic::object::{Access, ExportKind, Signature, TypeForm};
 use controllers::sdk::{CallInterface, Delivery, DeliveryError, Direction, ExportInterface, PortInterface, Waker};
-use ros::logic::cdr;
 use ros::logic::key::Topic;
 use ros::logic::name::TypeName;
 use ros::logic::route::{Route, Way};
-use ros::logic::schema::Schema;
+use std::borrow::Cow;
 use std::sync::{Arc, Mutex};
 
 /// A topic or a service that a bridge carries.
@@ -21,7 +21,6 @@ pub(crate) struct Carried {
     pub(crate) port: &'static str,
     type_name: &'static str,
     pub(crate) route: Route,
-    schema: Schema,
     hash: String,
     pub(crate) end: End,
 }
@@ -32,7 +31,7 @@ pub(crate) enum End {
     /// Wires to the topic.
     ///
     /// The last value of a latched wire may come before there is a publisher.
-    ToRos { publisher: Option<Publisher>, early: Option<Vec<u8>>, counts: Counts },
+    ToRos { publisher: Option<Publisher>, early: Option<Vec<u8>>, conversion: Conversion, counts: Counts },
     /// The topic to wires.
     FromRos { subscriber: Option<Subscriber>, waiting: Waiting },
     /// Calls of the mission to the service.
@@ -48,18 +47,22 @@ impl Carried {
     /// A sentence for a person.
     pub(crate) fn new(route: Route, network: &Network) -> Result<Self, String> {
         let schema = setup::schema(&route.of)?;
+        let hash = network.hash(&schema);
         let end = match route.way {
-            Way::ToRos => End::ToRos { publisher: None, early: None, counts: Counts::default() },
+            Way::ToRos => {
+                let conversion = Conversion::new(&route, schema);
+                End::ToRos { publisher: None, early: None, conversion, counts: Counts::default() }
+            }
             Way::FromRos => {
-                let waiting = Arc::new(Mutex::new(Arrivals::new(schema.clone(), depth(route.qos))));
+                let arrivals = Arrivals::new(Conversion::new(&route, schema), depth(route.qos));
+                let waiting = Arc::new(Mutex::new(arrivals));
                 End::FromRos { subscriber: None, waiting }
             }
             Way::Call => End::Call { client: None, service: Service::new(&route.of)? },
             Way::Serve => End::Serve { server: None, service: Service::new(&route.of)? },
         };
         let (port, type_name) = (setup::for_ever(route.port()), setup::for_ever(route.of.spec()));
-        let hash = network.hash(&schema);
-        Ok(Self { port, type_name, route, schema, hash, end })
+        Ok(Self { port, type_name, route, hash, end })
     }
 
     /// Returns its topic or service, with the hash of its type.
@@ -101,18 +104,17 @@ impl Carried {
 
     /// Publishes the message of a value, or refuses it.
     pub(crate) fn publish(&mut self, message: Option<Vec<u8>>) -> Result<Delivery, DeliveryError> {
-        let End::ToRos { publisher, early, counts } = &mut self.end else {
-            return Err(DeliveryError::malformed(self.port, self.type_name));
-        };
+        let malformed = || DeliveryError::malformed(self.port, self.type_name);
+        let End::ToRos { publisher, early, conversion, counts } = &mut self.end else { return Err(malformed()) };
         // A process of ROS 2 may end because of a malformed message.
-        let Some(message) = message.filter(|message| cdr::check(&self.schema, message).is_ok()) else {
+        let Some(Ok(message)) = message.map(|message| conversion.convert(Cow::Owned(message))) else {
             counts.refused += 1;
-            return Err(DeliveryError::malformed(self.port, self.type_name));
+            return Err(malformed());
         };
         counts.received += 1;
         match publisher {
-            Some(publisher) => publisher.publish(message),
-            None => *early = Some(message),
+            Some(publisher) => publisher.publish(message.into_owned()),
+            None => *early = Some(message.into_owned()),
         }
         Ok(Delivery::Stored)
     }

@@ -161,8 +161,8 @@ impl RosSession {
         let name = topic.name.clone();
         let hear = move |sample: Sample| {
             let attachment = sample.attachment().map(ZBytes::to_bytes);
-            let message = sample.payload().to_bytes();
-            let taken = lock(&waiting).take(attachment.as_deref(), &message);
+            let parts: Vec<&[u8]> = sample.payload().slices().collect();
+            let taken = lock(&waiting).take(attachment.as_deref(), &parts);
             match taken {
                 Ok(()) => waker.wake(),
                 // Without this limit, a publisher could fill the disk with log lines.

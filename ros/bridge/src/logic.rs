@@ -2,6 +2,7 @@
 
 pub(crate) mod arrivals;
 pub(crate) mod command;
+pub(crate) mod conversion;
 pub(crate) mod ending;
 pub(crate) mod goal;
 pub(crate) mod lifecycle;
@@ -11,4 +12,5 @@ pub(crate) mod parts;
 pub(crate) mod replies;
 pub(crate) mod retry;
 pub(crate) mod senders;
+pub(crate) mod statics;
 pub(crate) mod value;

@@ -170,9 +170,10 @@ impl Module for Bridge {
         let graph = lock(&self.graph);
         for carried in &self.carried {
             let Counts { received, lost, refused } = carried.counts();
-            let other_types = graph.count(carried.route.name.as_str());
+            let (label, other_types) =
+                (carried.route.label(), graph.count(&carried.route.name, carried.route.way.partner()));
             let named = [("received", received), ("lost", lost), ("refused", refused), ("of other types", other_types)];
-            signals.extend(named.map(|(word, count)| setup::signal(format!("{} {word}", carried.route.name), count)));
+            signals.extend(named.map(|(word, count)| setup::signal(format!("{label} {word}"), count)));
         }
         signals
     }

@@ -1,8 +1,9 @@
 //! Routes: the topics and services that a bridge carries, each with its type, its direction and its quality of service.
 //!
 //! A bridge gets its routes as one text, `>/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,`.
-//! The sign in front is that of its [`Way`].
+//! The sign in front is that of its [`Way`]. A route whose frames have a prefix has that behind it.
 
+use super::frame::FramePrefix;
 use super::key::GraphName;
 use super::name::{Folder, TypeName};
 use super::qos::{Durability, Qos, Reliability};
@@ -15,6 +16,10 @@ pub const ROUTES_MAX: usize = 500;
 pub const DEPTH_MAX: u64 = 1000;
 /// Stands between two routes.
 const END: char = ';';
+/// The type of transforms.
+const TRANSFORMS: (&str, &str) = ("tf2_msgs", "TFMessage");
+/// Behind the name of a topic to which a mission publishes transforms: no topic has this name, and the mission may hear that topic too.
+const OUT: &str = "-out";
 
 /// The quality of service of a service without another one, as in ROS 2.
 pub const SERVICE: Qos = Qos { depth: 10, ..Qos::DEFAULT };
@@ -30,6 +35,8 @@ pub struct Route {
     pub way: Way,
     /// The quality of service of the bridge's endpoint.
     pub qos: Qos,
+    /// The prefix of the frames of the robot in ROS 2.
+    pub frames: Option<FramePrefix>,
 }
 
 /// The direction of messages and calls.
@@ -78,15 +85,32 @@ impl Way {
 }
 
 impl Route {
+    /// Returns whether its messages are transforms. Any number of processes on any number of hosts may publish their topic, and hear it
+    /// at the same time.
+    pub fn has_transforms(&self) -> bool {
+        is_transforms(&self.of)
+    }
+
+    /// Returns whether its messages are static transforms: the last message of each publisher counts, and not only the last one.
+    pub fn has_static_transforms(&self) -> bool {
+        self.has_transforms() && self.qos.durability == Durability::TransientLocal
+    }
+
+    /// Returns the name of the route in its bridge: `/robot1/cmd_vel`, and `/tf-out` for transforms that a mission publishes.
+    pub fn label(&self) -> String {
+        let end = if self.has_transforms() && self.way == Way::ToRos { OUT } else { "" };
+        format!("{}{end}", self.name)
+    }
+
     /// Returns the name of the port of the bridge that stands for the topic or service: `robot1.cmd_vel`.
     pub fn port(&self) -> String {
-        self.name.words().replace('/', ".")
+        self.label().trim_start_matches('/').replace('/', ".")
     }
 
     /// Reads the routes of a bridge. None if one of them cannot be read, if two have the same name, or if there are too many.
     pub fn list(text: &str) -> Option<Vec<Self>> {
         let routes: Vec<Self> = text.split(END).map(Self::parse).collect::<Option<_>>()?;
-        let is_again = |(at, route): (usize, &Self)| routes.iter().take(at).any(|other| other.name == route.name);
+        let is_again = |(at, route): (usize, &Self)| routes.iter().take(at).any(|other| other.label() == route.label());
         let is_fit = routes.len() <= ROUTES_MAX && !routes.iter().enumerate().any(is_again);
         is_fit.then_some(routes)
     }
@@ -105,15 +129,25 @@ impl Route {
         let folder = if way.is_service() { Folder::Srv } else { Folder::Msg };
         let of = TypeName::parse(of).filter(|of| of.folder() == folder)?;
         let qos = Qos::parse(qos).filter(|qos| (1..=DEPTH_MAX).contains(&qos.depth))?;
-        words.next().is_none().then_some(Self { name, of, way, qos })
+        let frames = match words.next() {
+            Some(prefix) => Some(FramePrefix::parse(prefix)?),
+            None => None,
+        };
+        words.next().is_none().then_some(Self { name, of, way, qos, frames })
     }
 }
 
 impl fmt::Display for Route {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, of, way, qos } = self;
-        write!(f, "{}{name} {of} {qos}", way.sign())
+        let Self { name, of, way, qos, frames } = self;
+        write!(f, "{}{name} {of} {qos}", way.sign())?;
+        frames.iter().try_for_each(|prefix| write!(f, " {prefix}"))
     }
+}
+
+/// Returns whether messages of this type are transforms.
+pub fn is_transforms(of: &TypeName) -> bool {
+    (of.package(), of.name()) == TRANSFORMS
 }
 
 /// Returns the quality of service that a spec means by a word and a depth: `reliable(10)`, `best_effort(1)`, `transient_local(1)`,
@@ -157,6 +191,22 @@ mod tests {
         let expected = [("cmd_vel", Way::ToRos), ("a.scan", Way::FromRos), ("reset", Way::Call), ("set", Way::Serve)];
         assert_eq!(ports, expected.map(|(port, way)| (port.to_owned(), way)));
         assert_eq!(routes[2].qos, SERVICE);
+    }
+
+    #[test]
+    fn transforms_go_both_ways() {
+        let text = ">/tf tf2_msgs/msg/TFMessage ::,100:,:,:,, r1/;</tf tf2_msgs/msg/TFMessage ::,100:,:,:,, r1/;\
+                    </tf_static tf2_msgs/msg/TFMessage :1:,1:,:,:,,";
+        let routes = Route::list(text).unwrap();
+        assert_eq!(Route::text(&routes), text);
+        let found = routes.iter().map(|route| (route.port(), route.has_transforms(), route.has_static_transforms()));
+        let expected = [("tf-out", true, false), ("tf", true, false), ("tf_static", true, true)];
+        assert_eq!(found.collect::<Vec<_>>(), expected.map(|(port, all, fixed)| (port.to_owned(), all, fixed)));
+        assert_eq!(routes[0].frames, FramePrefix::parse("r1/"));
+        assert!(Route::list(TEXT).unwrap().iter().all(|route| !route.has_transforms() && route.frames.is_none()));
+        for text in [&text.replace('>', "<"), &text.replace("r1/", "r1"), &text.replace("r1/", "r1/ r2/")] {
+            assert_eq!(Route::list(text), None, "{text}");
+        }
     }
 
     #[test]

@@ -55,7 +55,7 @@ pub struct Endpoint {
 }
 
 /// The role of an endpoint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Role {
     /// The endpoint sends messages.
     Publisher,

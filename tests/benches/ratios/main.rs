@@ -18,6 +18,7 @@ mod programs;
 mod raw;
 mod raw_memory;
 mod raw_streams;
+mod ros;
 mod sdk;
 mod start;
 mod streams;
@@ -33,6 +34,7 @@ fn main() -> ExitCode {
     let result = match arguments.first().map(String::as_str) {
         Some("raw") => raw::side(&arguments[1..]),
         Some("stream") => raw_streams::side(&arguments[1..]),
+        Some("ros") => ros::side(&arguments[1..]),
         Some(_) if arguments.iter().any(|argument| argument == "--bench") => {
             bench(arguments.iter().map(String::as_str).find(|argument| !argument.starts_with('-')))
         }
@@ -87,6 +89,10 @@ fn bench(only: Option<&str>) -> anyhow::Result<()> {
         if wanted("start") {
             say("from PREPARE to GO …")?;
             start::measure(&folder.0, &mut table).await?;
+        }
+        if wanted("ros") {
+            say("through a bridge to ROS 2 …")?;
+            ros::measure(&folder.0, &mut table).await?;
         }
         anyhow::Ok(())
     })?;

@@ -56,6 +56,11 @@ pub(crate) struct Deployment {
 impl Node {
     /// Brings the node in this program's folder up to date, and starts it.
     pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
+        Self::start_with(dir, &[]).await
+    }
+
+    /// Starts it with variables of the environment.
+    pub(crate) async fn start_with(dir: &Path, variables: &[(&str, &str)]) -> anyhow::Result<Self> {
         let program = built()?.join("dca-node");
         let child = Command::new(&program)
             .args(["--name", HOST, "--controllers"])
@@ -64,6 +69,7 @@ impl Node {
             .arg(dir)
             .arg("--state")
             .arg(dir.join("state"))
+            .envs(variables.iter().copied())
             .stdout(Stdio::piped())
             .spawn()
             .with_context(|| format!("starting {}", program.display()))?;
@@ -141,7 +147,7 @@ fn built() -> anyhow::Result<PathBuf> {
     let folder = own.ancestors().nth(2).context("this program stands in no target folder")?.to_owned();
     if let Some(cargo) = std::env::var_os("CARGO") {
         let mut command = Command::new(cargo);
-        command.args(["build", "--quiet", "-p", "node", "-p", "shim", "--bins"]);
+        command.args(["build", "--quiet", "-p", "node", "-p", "shim", "-p", "bridge", "--bins"]);
         command.args(folder.ends_with("release").then_some("--release")).current_dir(env!("CARGO_MANIFEST_DIR"));
         ensure!(command.status()?.success(), "the node does not build");
     }

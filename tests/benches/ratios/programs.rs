@@ -65,6 +65,7 @@ pub(crate) fn registry() -> Registry {
     registry.add::<Shout<FLOOD>>();
     registry.add::<Hear>();
     crate::caterpillar::add(&mut registry);
+    crate::ros::add(&mut registry);
     registry
 }
 

@@ -6,6 +6,7 @@ use comms::logic::time::Time;
 use controllers::ros::example_interfaces::FibonacciGoal;
 use controllers::ros::std_msgs::String as Text;
 use controllers::ros::std_srvs::{TriggerRequest, TriggerResponse};
+use controllers::ros::tf2_msgs::TFMessage;
 use controllers::sdk::{
     About, Arguments, Calls, Controller, Every, Exports, In, InProcessGroup, Inputs, Kind, MemberPort, Message, Out,
     Outputs, Parameter, Progress, Registry, Stopping, Tick, process,
@@ -400,6 +401,43 @@ impl Controller for Echo {
     }
 }
 
+#[derive(Debug, Inputs)]
+struct TransformInputs {
+    #[port("In")]
+    heard: In<TFMessage>,
+}
+
+#[derive(Debug, Outputs)]
+struct TransformOutputs {
+    #[port("Out")]
+    said: Out<TFMessage>,
+}
+
+/// Sends each message of transforms back.
+#[derive(Debug)]
+struct TransformEcho;
+
+impl Controller for TransformEcho {
+    type Inputs = TransformInputs;
+    type Outputs = TransformOutputs;
+    const TYPE: &'static str = "TransformEcho";
+
+    fn about() -> About {
+        About::service("Sends transforms back.").triggered_by("In").every(PERIOD * 100)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &TransformInputs, outputs: &mut TransformOutputs) -> Progress {
+        if let Some(heard) = inputs.heard.fresh() {
+            outputs.said.send(heard.clone());
+        }
+        Progress::Continue
+    }
+}
+
 #[derive(Debug, Outputs)]
 struct ResetOutputs {
     #[calls("Reset")]
@@ -506,6 +544,7 @@ fn main() -> ExitCode {
     registry.add::<Ear>();
     registry.add::<Eye>();
     registry.add::<Echo>();
+    registry.add::<TransformEcho>();
     registry.add::<Resetter>();
     registry.add::<Order>();
     for group in [caterpillar(), twice()] {

@@ -1,13 +1,18 @@
 //! A mission with topics of ROS 2. The node starts a bridge, and a peer on plain Zenoh talks to a controller through it.
 
 use comms::io::clock::{Wakeup, now};
+use controllers::ros::Message as _;
+use controllers::ros::{geometry_msgs::TransformStamped, tf2_msgs::TFMessage};
 use dca_tests::cluster::{Cluster, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
-use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
+use zenoh_ext::{
+    AdvancedPublisherBuilderExt, AdvancedSubscriber, AdvancedSubscriberBuilderExt, CacheConfig, HistoryConfig,
+    MissDetectionConfig, RecoveryConfig,
+};
 
 const ECHO: &str = "
 process main() {
@@ -63,9 +68,13 @@ impl Ros {
 
     /// Also receives earlier messages, like a ROS 2 node that wants the last message.
     fn hear_late(&self) -> (AdvancedSubscriber<()>, Receiver<Sample>) {
+        self.hear_late_on(&format!("7/back/{STRING}"))
+    }
+
+    fn hear_late_on(&self, key: &str) -> (AdvancedSubscriber<()>, Receiver<Sample>) {
         let (tx, rx) = sync_channel(64);
         let heard = move |sample| drop(tx.try_send(sample));
-        let subscriber = self.session.declare_subscriber(format!("7/back/{STRING}")).callback(heard).advanced();
+        let subscriber = self.session.declare_subscriber(key.to_owned()).callback(heard).advanced();
         let subscriber = subscriber.history(HistoryConfig::default().detect_late_publishers().max_samples(1));
         (subscriber.recovery(RecoveryConfig::default().heartbeat()).wait().expect("a peer of a test"), rx)
     }
@@ -184,6 +193,66 @@ fn the_log_of_a_bridge_names_a_node_that_has_another_type() {
     });
     assert!(is_told.is_some(), "{log}\n{}", mission.text(Stream::Err));
     drop(token);
+    mission.signal(Signal::INT);
+    mission.ended(SOON);
+}
+
+/// Returns a message with a transform of each of these frames from `base_link`.
+fn transforms(parent: &str, children: &[&str]) -> Vec<u8> {
+    let transform = |child: &&str| {
+        let mut transform = TransformStamped { child_frame_id: (*child).to_owned(), ..TransformStamped::default() };
+        transform.header.frame_id = parent.to_owned();
+        transform
+    };
+    TFMessage { transforms: children.iter().map(transform).collect() }.to_cdr().expect("a peer of a test")
+}
+
+#[test]
+fn static_transforms_of_several_nodes_are_there_for_late_ones() {
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let key = |name: &str| {
+        let hash = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087";
+        format!("7/{name}/tf2_msgs::msg::dds_::TFMessage_/{hash}")
+    };
+    // Each of two nodes has published its transforms before there is a mission.
+    let node = ros.client();
+    let nodes = [("r1/laser", 1), ("r1/camera", 2)].map(|(child, sender)| {
+        let publisher = node.declare_publisher(key("tf_static")).advanced();
+        let publisher = publisher.cache(CacheConfig::default().max_samples(1)).publisher_detection();
+        let detection = MissDetectionConfig::default().sporadic_heartbeat(Duration::from_millis(500));
+        let publisher = publisher.sample_miss_detection(detection).wait().expect("a peer of a test");
+        let mut told = attachment(1);
+        told[17..].fill(sender);
+        publisher.put(transforms("r1/base_link", &[child])).attachment(told).wait().expect("a peer of a test");
+        publisher
+    });
+    let mission = run(
+        &cluster,
+        &ros,
+        "
+        process main() {
+            host { c1 }
+            instantiated_processes { echo instof TransformEcho(c1); }
+            internal_connections {
+                topic(\"/tf_static\", qos = transient_local(1), frame_prefix = \"r1/\") -> echo.In;
+                echo.Out -> topic(\"/seen\", qos = transient_local(1), frame_prefix = \"r2_\");
+            }
+            internal_event_actions { echo }
+        }
+        ",
+    );
+    // The next bridge gets the transforms from the nodes, and from the wire of the process.
+    let both = transforms("r2_base_link", &["r2_camera", "r2_laser"]);
+    for is_killed in [false, true] {
+        let (_late, heard) = ros.hear_late_on(&key("seen"));
+        while heard.recv_timeout(SOON).expect("the transforms come").payload().to_bytes() != both {}
+        if !is_killed {
+            let (_tokens, subscriptions) = ros.hear_subscriptions();
+            cluster.expect_leaf("main/ros").signal(Signal::KILL);
+            while subscriptions.recv_timeout(SOON).expect("the bridge is started again") != SampleKind::Put {}
+        }
+    }
+    drop(nodes);
     mission.signal(Signal::INT);
     mission.ended(SOON);
 }

@@ -10,7 +10,7 @@ use crate::check::spec::{Spec, Target, TopicConnection};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{
     Argument, BRIDGE, ConnectionSet, Constant, Environment, Expression, Leaf, LeafKind, LeafPort, LinkLoss, Member,
-    MemberKind, Plan, Policy, Quality, ROS_VARIABLES, Replacement, Restart, Retention, Transfer, Wire,
+    MemberKind, Plan, Policy, Quality, ROS_VARIABLES, ROUTES, Replacement, Restart, Retention, Transfer, Wire,
 };
 use crate::source::Span;
 use ros::logic::name::TypeName;
@@ -18,8 +18,6 @@ use ros::logic::qos::{Durability, Qos};
 use ros::logic::route::{ROUTES_MAX, Route, Way};
 use std::time::Duration;
 
-/// The argument that has its routes.
-const ROUTES: &str = "routes";
 /// The name of the only bridge of a plan; others have their host behind it.
 const NAME: &str = "ros";
 /// How long a bridge may take to stop.
@@ -59,8 +57,8 @@ impl Topics {
                 let message = format!("`{}` is connected with ROS 2, so two of its programs cannot overlap", leaf.path);
                 self.problems.push(Diagnostic::new(Code::E0309, connection.span, message));
             }
-            let TopicConnection { name, qos, way, span, .. } = connection.clone();
-            let route = Route { name, of, way, qos };
+            let TopicConnection { name, qos, frames, way, span, .. } = connection.clone();
+            let route = Route { name, of, way, qos, frames };
             let port = route.port();
             let Some(bridge) = self.place(leaf.host, route, span) else { continue };
             let own = &mut self.bridges[bridge];
@@ -162,15 +160,18 @@ fn conflict(host: u32, one: &Route, other_host: u32, other: &Route) -> Option<St
         let has = if one.way.is_service() { "is" } else { "has messages" };
         return Some(format!("{has} of two types, `{}` and `{}`", one.of.spec(), other.of.spec()));
     }
-    if one.way != other.way {
+    if one.way != other.way && !one.has_transforms() {
         let does = if one.way.is_service() { "called and answered" } else { "published and subscribed to" };
         return Some(format!("is {does} in one deployment"));
     }
     if one.way == Way::Serve {
         return Some("is answered by two processes".to_owned());
     }
-    if host != other_host && one.way == Way::ToRos {
+    if host != other_host && one.way == Way::ToRos && !one.has_transforms() {
         return Some("is published on two hosts".to_owned());
+    }
+    if host == other_host && one.frames != other.frames {
+        return Some("has two prefixes of frames on one host".to_owned());
     }
     (one.qos != other.qos).then(|| "has two qualities of service".to_owned())
 }

@@ -3,9 +3,11 @@
 use super::OutsideEnd;
 use crate::check::spec::{Call, CallRole, Direction, Port, TopicConnection};
 use crate::diagnostic::{Code, Diagnostic};
+use ros::logic::frame::has_frames;
 use ros::logic::library;
 use ros::logic::name::{Folder, TypeName};
-use ros::logic::route::Way;
+use ros::logic::qos::Durability;
+use ros::logic::route::{Way, is_transforms};
 
 /// Returns the message of ROS 2 that a type in a spec means.
 fn message(kind: &str) -> Option<TypeName> {
@@ -40,13 +42,30 @@ fn check_topic(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> 
     if let Some(diagnostic) = outside.misfit(name, port, error) {
         return Some(diagnostic);
     }
-    if type_of(port).is_some() {
-        return None;
+    if let Some(of) = type_of(port) {
+        return check_frames(connection, &of);
     }
     let kind = port.kind.as_ref();
     let is = kind.map_or_else(|| "has no type".to_owned(), |kind| format!("is of type `{kind}`"));
     let diagnostic = error(format!("`{}` {is}, but a topic has messages of ROS 2", name.text));
     Some(diagnostic.help("declare the port with the type of a standard message, such as `ros.geometry.Twist`"))
+}
+
+/// Returns why a topic cannot have messages of this type, because of the frames in them.
+fn check_frames(connection: &TopicConnection, of: &TypeName) -> Option<Diagnostic> {
+    let error = |message: String| Some(Diagnostic::new(Code::E0309, connection.span, message));
+    if connection.frames.is_some() && !library::schema(of).is_ok_and(|schema| has_frames(&schema)) {
+        let found = error(format!("`frame_prefix` changes nothing: a `{}` names no frame", of.spec()));
+        return found.map(|found| found.help("leave `frame_prefix` out"));
+    }
+    let is_static = is_transforms(of) && connection.name.as_str().ends_with("/tf_static");
+    if is_static && connection.qos.durability != Durability::TransientLocal {
+        let found =
+            error(format!("the quality of service of `{}` keeps no transforms for late subscribers", connection.name));
+        return found
+            .map(|found| found.help("write `qos = transient_local(1)`, as publishers of static transforms have it"));
+    }
+    None
 }
 
 fn check_service(connection: &TopicConnection, port: &Port) -> Option<Diagnostic> {

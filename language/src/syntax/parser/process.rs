@@ -440,7 +440,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `topic("/cmd_vel", qos = reliable(10))`, `service("/reset")`
+    /// `topic("/cmd_vel", qos = reliable(10))`, `topic("/tf", frame_prefix = "r1/")`, `service("/reset")`
     fn topic(&mut self) {
         let expected = if self.at_word("topic") {
             "the name of a topic of ROS 2, such as `\"/cmd_vel\"`"
@@ -453,14 +453,28 @@ impl Parser<'_> {
         if !self.eat(Text) {
             self.expected(expected);
         }
-        if self.eat(Comma) {
+        while self.eat(Comma) {
+            if self.eat_word("frame_prefix") {
+                self.expect(Equals);
+                self.frame_prefix();
+                continue;
+            }
             if !self.eat_word("qos") {
-                self.expected("`qos`");
+                self.expected("`qos` or `frame_prefix`");
             }
             self.expect(Equals);
             self.topic_quality();
         }
         self.expect(RightParen);
+        self.finish();
+    }
+
+    /// `"r1/"`
+    fn frame_prefix(&mut self) {
+        self.start(SyntaxKind::FramePrefix);
+        if !self.eat(Text) {
+            self.expected("a string with the prefix of the robot's frames, such as `\"r1/\"`");
+        }
         self.finish();
     }
 

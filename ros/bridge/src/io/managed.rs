@@ -3,6 +3,7 @@
 use super::services::{Caller, Client, Service};
 use super::{Graph, RosSession, Subscriber, Waiting, depth, lock};
 use crate::logic::arrivals::Arrivals;
+use crate::logic::conversion::Conversion;
 use crate::logic::lifecycle::{Answer, Effect, Input, State, Transition};
 use crate::logic::network::Network;
 use crate::logic::replies::Failure;
@@ -87,7 +88,8 @@ impl Managed {
             lock(&graph).expect(topic.clone(), way.partner());
         }
         let session = RosSession::open(network, own, graph)?;
-        let events: Waiting = Arc::new(Mutex::new(Arrivals::new(setup::schema(&event.of)?, depth(QOS))));
+        let events = Arrivals::new(Conversion::none(setup::schema(&event.of)?), depth(QOS));
+        let events: Waiting = Arc::new(Mutex::new(events));
         let woken = Arc::clone(&bell);
         let waker = Waker::new(move || woken.ring());
         let subscriber = session.subscriber(1, &event, QOS, Arc::clone(&events), waker)?;

@@ -1,10 +1,12 @@
 //! The messages of topics that wait for the loop, and the counts of received, lost and refused ones.
 
+use super::conversion::Conversion;
 use super::senders::Senders;
 use super::value;
 use ros::logic::attachment::Attachment;
 use ros::logic::cdr::{self, CdrError};
 use ros::logic::schema::Schema;
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use thiserror::Error;
 
@@ -23,6 +25,12 @@ pub(crate) enum Refused {
     /// Its bytes are not a message of its type.
     #[error("its bytes are not a message of its type: {0}")]
     Bytes(#[from] CdrError),
+    /// A static transform would make consumers refuse all static transforms.
+    #[error("a number of a static transform is not finite")]
+    NotFinite,
+    /// More static transforms would take too much memory.
+    #[error("there are more static transforms than {0}")]
+    Many(usize),
     /// It answers another request.
     #[error("its attachment is that of another request")]
     OtherRequest,
@@ -51,10 +59,16 @@ pub(crate) struct Arrived {
     pub(crate) value: Vec<u8>,
 }
 
+/// A message that is passed on.
+struct Passed {
+    attachment: Attachment,
+    value: Vec<u8>,
+}
+
 /// The messages of one topic.
 #[derive(Debug)]
 pub(crate) struct Arrivals {
-    schema: Schema,
+    conversion: Conversion,
     depth: usize,
     waiting: VecDeque<Arrived>,
     senders: Senders,
@@ -62,18 +76,18 @@ pub(crate) struct Arrivals {
 }
 
 impl Arrivals {
-    /// Returns the messages of a topic of this type, of which `depth` wait at most.
-    pub(crate) fn new(schema: Schema, depth: usize) -> Self {
+    /// Returns the messages of a topic with this conversion, of which `depth` wait at most.
+    pub(crate) fn new(conversion: Conversion, depth: usize) -> Self {
         let (waiting, senders, counts) = (VecDeque::new(), Senders::default(), Counts::default());
-        Self { schema, depth: depth.max(1), waiting, senders, counts }
+        Self { conversion, depth: depth.max(1), waiting, senders, counts }
     }
 
-    /// Takes a message. The oldest that waits gives way to it.
+    /// Takes a message in parts. The oldest that waits gives way to it.
     ///
     /// # Errors
     /// It is not passed on.
-    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, message: &[u8]) -> Result<(), Told> {
-        let attachment = checked(&self.schema, attachment, message).map_err(|why| {
+    pub(crate) fn take(&mut self, attachment: Option<&[u8]>, parts: &[&[u8]]) -> Result<(), Told> {
+        let Passed { attachment, value } = self.passed(attachment, parts).map_err(|why| {
             self.counts.refused += 1;
             Told { why, refused: self.counts.refused }
         })?;
@@ -83,12 +97,29 @@ impl Arrivals {
         if self.waiting.len() >= self.depth
             && let Some(oldest) = self.waiting.pop_front()
         {
-            self.counts.lost += 1;
+            let missed = oldest.lost + u64::from(!self.conversion.is_cumulative());
+            self.counts.lost += missed - oldest.lost;
             let before = self.waiting.front_mut().map_or(&mut lost, |next| &mut next.lost);
-            *before += oldest.lost + 1;
+            *before += missed;
         }
-        self.waiting.push_back(Arrived { lost, value: value::of_message(message) });
+        self.waiting.push_back(Arrived { lost, value });
         Ok(())
+    }
+
+    /// Returns the value of a message, and its attachment. The bytes are copied once if nothing changes them.
+    fn passed(&mut self, attachment: Option<&[u8]>, parts: &[&[u8]]) -> Result<Passed, Refused> {
+        let attachment = decoded(attachment)?;
+        let length = parts.iter().map(|part| part.len()).sum::<usize>();
+        if length > MESSAGE_MAX {
+            return Err(Refused::Long(length));
+        }
+        let value = value::of_parts(parts);
+        let message = value.get(value.len() - length..).unwrap_or_default();
+        let changed = match self.conversion.convert(Cow::Borrowed(message))? {
+            Cow::Borrowed(_) => None,
+            Cow::Owned(changed) => Some(value::of_message(&changed)),
+        };
+        Ok(Passed { attachment, value: changed.unwrap_or(value) })
     }
 
     /// Returns the next message that waits.
@@ -107,9 +138,13 @@ impl Arrivals {
 /// # Errors
 /// The message is not passed on.
 pub(crate) fn checked(schema: &Schema, attachment: Option<&[u8]>, message: &[u8]) -> Result<Attachment, Refused> {
-    let attachment = attachment.and_then(Attachment::decode).ok_or(Refused::Attachment)?;
-    fits(schema, message)?;
+    let attachment = decoded(attachment)?;
+    cdr::check(schema, short(message)?)?;
     Ok(attachment)
+}
+
+fn decoded(attachment: Option<&[u8]>) -> Result<Attachment, Refused> {
+    attachment.and_then(Attachment::decode).ok_or(Refused::Attachment)
 }
 
 /// Checks the response to a request. A server of ROS 2 sends the number of the request and the name of its client back.
@@ -127,25 +162,29 @@ pub(crate) fn answered(
     if is_answer { Ok(()) } else { Err(Refused::OtherRequest) }
 }
 
-/// Checks the size and the bytes of a message.
-fn fits(schema: &Schema, message: &[u8]) -> Result<(), Refused> {
-    if message.len() > MESSAGE_MAX {
-        return Err(Refused::Long(message.len()));
-    }
-    Ok(cdr::check(schema, message)?)
+/// Returns a message, unless it is too long.
+///
+/// # Errors
+/// It is longer than any message may be.
+pub(crate) fn short<M: AsRef<[u8]>>(message: M) -> Result<M, Refused> {
+    let length = message.as_ref().len();
+    if length > MESSAGE_MAX { Err(Refused::Long(length)) } else { Ok(message) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use controllers::ros::{geometry_msgs::TransformStamped, tf2_msgs::TFMessage};
     use ros::logic::attachment::Gid;
     use ros::logic::library;
     use ros::logic::name::TypeName;
+    use ros::logic::route::Route;
+    use ros::typed::Message as _;
 
     /// A message `std_msgs/msg/UInt8`.
     fn arrivals(depth: usize) -> Arrivals {
         let schema = library::schema(&TypeName::parse("std_msgs/UInt8").unwrap()).unwrap();
-        Arrivals::new(schema, depth)
+        Arrivals::new(Conversion::none(schema), depth)
     }
 
     fn attachment(sequence: i64) -> [u8; 33] {
@@ -153,7 +192,7 @@ mod tests {
     }
 
     fn take(arrivals: &mut Arrivals, sequence: i64) {
-        arrivals.take(Some(&attachment(sequence)), &[0, 1, 0, 0, 7]).unwrap();
+        arrivals.take(Some(&attachment(sequence)), &[&[0, 1, 0, 0, 7]]).unwrap();
     }
 
     #[test]
@@ -180,6 +219,24 @@ mod tests {
         assert_eq!(arrivals.next(), None);
     }
 
+    /// The newer message has all transforms of the older one.
+    #[test]
+    fn a_static_transform_that_gives_way_is_not_lost() {
+        let route = Route::list("</tf_static tf2_msgs/msg/TFMessage :1:,1:,:,:,,").unwrap().remove(0);
+        let schema = library::schema(&route.of).unwrap();
+        let mut arrivals = Arrivals::new(Conversion::new(&route, schema), 1);
+        for (sender, child) in [(1, "a"), (2, "b"), (3, "c")] {
+            let transform = TransformStamped { child_frame_id: child.to_owned(), ..TransformStamped::default() };
+            let message = TFMessage { transforms: vec![transform] }.to_cdr().unwrap();
+            let attachment = Attachment { sequence: 1, nanos: 0, sender: Gid([sender; 16]) }.encode();
+            arrivals.take(Some(&attachment), &[&message]).unwrap();
+        }
+        let Arrived { lost, value } = arrivals.next().unwrap();
+        let all = TFMessage::from_cdr(value::message_in(&value).unwrap()).unwrap();
+        assert_eq!(all.transforms.iter().map(|one| one.child_frame_id.as_str()).collect::<Vec<_>>(), ["a", "b", "c"]);
+        assert_eq!((lost, arrivals.counts()), (0, Counts { received: 3, ..Counts::default() }));
+    }
+
     #[test]
     fn what_is_no_message_is_refused() {
         let mut arrivals = arrivals(8);
@@ -196,7 +253,7 @@ mod tests {
             (Some(&whole), &[0, 1, 0, 0, 7, 0, 0, 0, 0], Refused::Bytes(CdrError::Rest(4))),
             (Some(&whole), &long, Refused::Long(long.len())),
         ]) {
-            assert_eq!(arrivals.take(attachment, message), Err(Told { why, refused }));
+            assert_eq!(arrivals.take(attachment, &[message]), Err(Told { why, refused }));
         }
         assert_eq!((arrivals.next(), arrivals.counts()), (None, Counts { refused: 8, ..Counts::default() }));
     }

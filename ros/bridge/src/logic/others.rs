@@ -1,6 +1,6 @@
 //! The endpoints of other nodes that have the name of a topic of this bridge, and another type: no message passes between them.
 
-use ros::logic::key::Topic;
+use ros::logic::key::{GraphName, Topic};
 use ros::logic::token::{Endpoint, Role, Token};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,10 +10,10 @@ const KNOWN_MAX: usize = 1000;
 /// The endpoints of other types.
 #[derive(Debug, Default)]
 pub(crate) struct Others {
-    /// By name, the topics of the bridge and the role of their partners.
-    expected: BTreeMap<String, (Role, Topic)>,
-    /// By name, the tokens of endpoints with another type.
-    known: BTreeMap<String, BTreeSet<String>>,
+    /// By name and role of their partners, the topics of the bridge.
+    expected: BTreeMap<(GraphName, Role), Topic>,
+    /// By name and role, the tokens of endpoints with another type.
+    known: BTreeMap<(GraphName, Role), BTreeSet<String>>,
     /// How many sentences were told.
     told: usize,
 }
@@ -21,18 +21,19 @@ pub(crate) struct Others {
 impl Others {
     /// Takes note of a topic, of which endpoints with this role are the partners.
     pub(crate) fn expect(&mut self, topic: Topic, partner: Role) {
-        self.expected.insert(topic.name.to_string(), (partner, topic));
+        self.expected.insert((topic.name.clone(), partner), topic);
     }
 
     /// Takes a token that has appeared; returns a sentence for a person if no message passes between its endpoint and the bridge.
     pub(crate) fn appear(&mut self, key: &str) -> Option<String> {
         let Token { node, endpoint, .. } = Token::parse(key)?;
         let Endpoint { role, topic, .. } = endpoint?;
-        let (partner, own) = self.expected.get(topic.name.as_str())?;
-        if role != *partner || (topic.of == own.of && topic.hash == own.hash) || self.is_full() {
+        let place = (topic.name.clone(), role);
+        let own = self.expected.get(&place)?;
+        if (topic.of == own.of && topic.hash == own.hash) || self.is_full() {
             return None;
         }
-        let is_new = self.known.entry(topic.name.to_string()).or_default().insert(key.to_owned());
+        let is_new = self.known.entry(place).or_default().insert(key.to_owned());
         if !is_new || self.told >= KNOWN_MAX {
             return None;
         }
@@ -64,9 +65,9 @@ impl Others {
         }
     }
 
-    /// Returns how many partners of a topic have another type.
-    pub(crate) fn count(&self, name: &str) -> u64 {
-        let count = self.known.get(name).map_or(0, BTreeSet::len);
+    /// Returns how many partners of a topic with this role have another type.
+    pub(crate) fn count(&self, name: &GraphName, partner: Role) -> u64 {
+        let count = self.known.get(&(name.clone(), partner)).map_or(0, BTreeSet::len);
         u64::try_from(count).unwrap_or(u64::MAX)
     }
 
@@ -79,7 +80,6 @@ impl Others {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ros::logic::key::GraphName;
     use ros::logic::name::TypeName;
 
     fn others() -> Others {
@@ -87,6 +87,11 @@ mod tests {
         let (name, of) = (GraphName::parse("/scan").unwrap(), TypeName::parse("std_msgs/String").unwrap());
         others.expect(Topic { name, of, hash: "RIHS01_aa".to_owned() }, Role::Publisher);
         others
+    }
+
+    /// Returns how many publishers of a topic have another type.
+    fn count(others: &Others, name: &str) -> u64 {
+        others.count(&GraphName::parse(name).unwrap(), Role::Publisher)
     }
 
     fn token(number: usize, role: &str, topic: &str) -> String {
@@ -111,12 +116,26 @@ mod tests {
         assert_eq!(others.appear(&token(1, "MP", &hash)), None, "it was told");
         let told = others.appear(&token(2, "MP", &of)).unwrap();
         assert!(told.contains("with type `std_msgs/msg/Bool`, and its type is `std_msgs/msg/String` here"), "{told}");
-        assert_eq!((others.count("/scan"), others.count("/other")), (2, 0));
+        assert_eq!((count(&others, "/scan"), count(&others, "/other")), (2, 0));
         others.vanish(&token(2, "MP", &of));
         others.vanish(&token(3, "MP", &of));
-        assert_eq!(others.count("/scan"), 1);
+        assert_eq!(count(&others, "/scan"), 1);
         others.forget();
-        assert_eq!(others.count("/scan"), 0);
+        assert_eq!(count(&others, "/scan"), 0);
+    }
+
+    /// A mission publishes transforms and hears them.
+    #[test]
+    fn a_topic_has_partners_on_both_ways() {
+        let mut others = others();
+        let own = others.expected.values().next().unwrap().clone();
+        others.expect(own, Role::Subscriber);
+        let of = "%scan/std_msgs::msg::dds_::Bool_/RIHS01_aa";
+        assert!(others.appear(&token(1, "MP", of)).unwrap().contains("publishes"));
+        assert!(others.appear(&token(2, "MS", of)).unwrap().contains("subscribes to"));
+        assert!(others.appear(&token(3, "MS", of)).is_some());
+        let name = GraphName::parse("/scan").unwrap();
+        assert_eq!((others.count(&name, Role::Publisher), others.count(&name, Role::Subscriber)), (1, 2));
     }
 
     #[test]
@@ -124,7 +143,7 @@ mod tests {
         let mut others = others();
         let of = "%scan/std_msgs::msg::dds_::Bool_/RIHS01_aa";
         let told = (0..2 * KNOWN_MAX).filter_map(|number| others.appear(&token(number, "MP", of))).count();
-        assert_eq!((told, others.count("/scan")), (KNOWN_MAX, 1000));
+        assert_eq!((told, count(&others, "/scan")), (KNOWN_MAX, 1000));
         for nonsense in ["", "@ros2_lv", &token(1, "MP", &"n".repeat(4096)), &token(1, "NN", "")] {
             assert_eq!(others.appear(nonsense), None);
         }
@@ -138,7 +157,7 @@ mod tests {
         for number in 0..2 * KNOWN_MAX {
             let token = token(number, "MP", of);
             told += usize::from(others.appear(&token).is_some());
-            assert_eq!(others.count("/scan"), 1);
+            assert_eq!(count(&others, "/scan"), 1);
             if number % 2 == 0 { others.vanish(&token) } else { others.forget() }
         }
         assert_eq!(told, KNOWN_MAX);

@@ -7,11 +7,16 @@ const LENGTH_MAX: usize = 10;
 
 /// Returns the value of a wire that carries a message.
 pub(crate) fn of_message(message: &[u8]) -> Vec<u8> {
-    let mut length = [0; LENGTH_MAX];
-    let length = postcard::to_slice(&message.len(), &mut length).expect("a length has at most ten bytes");
-    let mut value = Vec::with_capacity(length.len() + message.len());
+    of_parts(&[message])
+}
+
+/// Returns the value of a wire for a message in parts, as a long message comes from the network.
+pub(crate) fn of_parts(parts: &[&[u8]]) -> Vec<u8> {
+    let (mut length, size) = ([0; LENGTH_MAX], parts.iter().map(|part| part.len()).sum::<usize>());
+    let length = postcard::to_slice(&size, &mut length).expect("a length has at most ten bytes");
+    let mut value = Vec::with_capacity(length.len() + size);
     value.extend_from_slice(length);
-    value.extend_from_slice(message);
+    parts.iter().for_each(|part| value.extend_from_slice(part));
     value
 }
 
@@ -52,6 +57,7 @@ mod tests {
         ] {
             assert_eq!(message_in(&value), Some(&message[..]));
             assert_eq!(of_message(&message), value);
+            assert_eq!(of_parts(&[&message[..5], &[], &message[5..]]), value);
             assert_eq!(message_of(&mut &value[..]), Some(message));
             assert_eq!(message_of(&mut &value[1..]), None);
             assert_eq!(message_in(&value[..value.len() - 1]), None);

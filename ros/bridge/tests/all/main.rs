@@ -8,3 +8,4 @@ mod sdk;
 mod sdk_services;
 mod services;
 mod subscribing;
+mod transforms;

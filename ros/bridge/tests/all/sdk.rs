@@ -146,7 +146,7 @@ fn python(folder: &Path) -> Result<PathBuf, String> {
 
 fn route(way: Way, name: &str, of: &TypeName) -> Route {
     let name = GraphName::parse(name).expect("a name of ROS 2");
-    Route { name, of: of.clone(), way, qos: Qos { depth: 10, ..Qos::default() } }
+    Route { name, of: of.clone(), way, qos: Qos { depth: 10, ..Qos::default() }, frames: None }
 }
 
 #[test]

@@ -15,6 +15,13 @@ impl Default for Writer {
 }
 
 impl Writer {
+    /// Returns a writer with room for so many bytes.
+    pub fn with_capacity(capacity: usize) -> Self {
+        let mut bytes = Vec::with_capacity(capacity.max(HEADER.len()));
+        bytes.extend_from_slice(&HEADER);
+        Self { bytes }
+    }
+
     /// Returns the bytes of the value, with their header.
     pub fn finish(self) -> Vec<u8> {
         self.bytes

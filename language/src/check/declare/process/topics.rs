@@ -7,6 +7,7 @@ use crate::check::spec::TopicConnection;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{self, Number};
 use crate::syntax::ast::{Name, Node, Token};
+use ros::logic::frame::FramePrefix;
 use ros::logic::key::GraphName;
 use ros::logic::qos::Qos;
 use ros::logic::route::{SERVICE, Way, quality};
@@ -24,14 +25,18 @@ pub(super) fn read(group: &Node, names: &mut Names<'_>) -> Vec<TopicConnection> 
             (true, true) => Way::Call,
             (false, true) => Way::Serve,
         };
-        match (name_of(&found.name, word(&found.outside)), quality_of(&found.outside)) {
-            (Ok(name), Ok(qos)) => {
+        let (name, qos) = (name_of(&found.name, word(&found.outside)), quality_of(&found.outside));
+        match (name, qos, frames_of(&found.outside)) {
+            (Ok(name), Ok(qos), Ok(frames)) => {
                 let span = found.node.span();
-                let of = |endpoint| TopicConnection { endpoint, name: name.clone(), qos, way, span };
+                let of = |endpoint| {
+                    let (name, frames) = (name.clone(), frames.clone());
+                    TopicConnection { endpoint, name, qos, frames, way, span }
+                };
                 all.extend(found.ends(names).into_iter().map(of));
             }
-            (name, qos) => {
-                let problems = [name.err(), qos.err()];
+            (name, qos, frames) => {
+                let problems = [name.err(), qos.err(), frames.err()];
                 problems.into_iter().flatten().for_each(|why| names.diagnostics.push(*why));
             }
         }
@@ -84,7 +89,7 @@ fn name_of(text: &Token, of: &str) -> Result<GraphName, Box<Diagnostic>> {
 
 /// Returns the quality of service; without one it is that of `reliable(10)`.
 fn quality_of(topic: &Node) -> Result<Qos, Box<Diagnostic>> {
-    let Some(node) = topic.child(SyntaxKind::TopicQuality) else {
+    let Some(node) = only(topic, SyntaxKind::TopicQuality, "qos")? else {
         return Ok(if is_service(topic) { SERVICE } else { Qos { depth: DEPTH, ..Qos::default() } });
     };
     if is_service(topic) {
@@ -96,4 +101,37 @@ fn quality_of(topic: &Node) -> Result<Qos, Box<Diagnostic>> {
     // A number that cannot be a depth is read as 0, which is refused.
     let depth = node.token(Number).map(|number| number.text().replace('_', "").parse().unwrap_or(0));
     quality(&word, depth).map_err(|why| Box::new(Diagnostic::new(Code::E0309, node.span(), why)))
+}
+
+/// Returns the prefix of the frames in the messages of a topic, if it has one.
+fn frames_of(topic: &Node) -> Result<Option<FramePrefix>, Box<Diagnostic>> {
+    let Some(node) = only(topic, SyntaxKind::FramePrefix, "frame_prefix")? else { return Ok(None) };
+    if is_service(topic) {
+        let diagnostic =
+            Diagnostic::new(Code::E0309, node.span(), "the frames in the messages of a service have no prefix");
+        return Err(Box::new(diagnostic.help("write the name alone: `service(\"/reset\")`")));
+    }
+    // Without a string the text is damaged, which was reported.
+    let Some(text) = node.token(SyntaxKind::Text) else { return Ok(None) };
+    let written = text.content();
+    let prefix = FramePrefix::parse(&written);
+    let wrong = || {
+        let message = format!("{written:?} is not a prefix of frames");
+        let help =
+            "it ends with `/` or `_`, as `\"r1/\"`, has words of letters, digits, `-` and `_`, and at most 64 bytes";
+        Box::new(Diagnostic::new(Code::E0309, text.span(), message).help(help))
+    };
+    prefix.map(Some).ok_or_else(wrong)
+}
+
+/// Returns the setting of a topic of this kind, if there is one.
+fn only(topic: &Node, kind: SyntaxKind, word: &str) -> Result<Option<Node>, Box<Diagnostic>> {
+    let mut all = topic.children_of(kind);
+    match (all.next(), all.next()) {
+        (_, Some(second)) => {
+            let message = format!("`{word}` is given twice");
+            Err(Box::new(Diagnostic::new(Code::E0309, second.span(), message)))
+        }
+        (first, None) => Ok(first),
+    }
 }
