@@ -155,6 +155,9 @@ fn declarations(writer: &mut Writer<'_>) -> String {
             text += &format!("var {variable}: bool = false;\n");
         }
     }
+    for variable in writer.model.told.values() {
+        text += &format!("var {variable}: bool = false;\n");
+    }
     for (_, port) in &writer.outputs {
         text += &format!("out {port}: Text;\n");
     }

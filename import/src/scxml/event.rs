@@ -1,6 +1,6 @@
 //! The events of a chart: messages from outside, and signals from inside.
 
-use super::model::Model;
+use super::model::{Model, inner_states};
 use super::timer::{self, Timer};
 use crate::name::{Names, identifier};
 use crate::xml::{Node, number, tag};
@@ -16,8 +16,26 @@ pub(super) struct EventUse {
 }
 
 /// Returns whether an event says that a state is complete.
-pub(super) fn is_completion(event: &str) -> bool {
+fn is_completion(event: &str) -> bool {
     event.starts_with("done.state.")
+}
+
+/// Returns the event that says that a state is complete.
+pub(super) fn completion_of(state: Node<'_>) -> String {
+    match state.attribute("id") {
+        Some(id) => format!("done.state.{id}"),
+        // No id has a space, so no transition names this event alone.
+        None => format!("done.state. {}", number(state)),
+    }
+}
+
+/// Returns whether a state can complete.
+pub(super) fn can_complete(state: Node<'_>) -> bool {
+    match tag(state) {
+        "state" => inner_states(state).any(|inner| tag(inner) == "final"),
+        "parallel" => inner_states(state).next().is_some() && inner_states(state).all(can_complete),
+        _ => false,
+    }
 }
 
 /// Returns whether an event comes from the platform, or from a process that a state invokes.
@@ -66,6 +84,8 @@ pub(super) fn sent_to_self(send: Node<'_>) -> Option<&str> {
 
 /// Returns the events that the elements of a chart name, without those that are timers.
 pub(super) fn events(own: &[Node<'_>], timers: &BTreeMap<String, Timer>) -> BTreeMap<String, EventUse> {
+    let completions: Vec<String> =
+        own.iter().filter(|node| can_complete(**node)).map(|node| completion_of(*node)).collect();
     let (mut raised, mut awaited, mut completed) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
     for node in own {
         match tag(*node) {
@@ -78,7 +98,13 @@ pub(super) fn events(own: &[Node<'_>], timers: &BTreeMap<String, Timer>) -> BTre
             "send" => awaited.extend(sent_to_self(*node).filter(|event| !timers.contains_key(*event))),
             "transition" => {
                 let tokens = node.attribute("event").unwrap_or_default();
-                for stem in stems(tokens).filter(|stem| *stem != "*" && !stem.is_empty()) {
+                for stem in stems(tokens) {
+                    let is_any = stem == "*" || stem.is_empty();
+                    let similar = completions.iter().map(String::as_str);
+                    completed.extend(similar.filter(|event| is_any || matches(stem, event)));
+                    if is_any {
+                        continue;
+                    }
                     if is_completion(stem) {
                         completed.insert(stem);
                     } else if !is_of_platform(stem) && !timers.contains_key(stem) {

@@ -51,6 +51,8 @@ pub(super) struct Model<'a> {
     pub(super) variables: BTreeMap<&'a str, Variable<'a>>,
     /// The delayed events that need a region of their own.
     pub(super) clocks: BTreeMap<ClockKey, Clock>,
+    /// The variables that say whether a signal has told of the completion of a parallel state, by the number of its node.
+    pub(super) told: BTreeMap<u32, String>,
     /// The names that transitions wait for, with the states of these transitions.
     awaited: Awaited,
     /// Whether a transition takes any event.
@@ -82,6 +84,7 @@ impl<'a> Model<'a> {
             state_names: Names::default(),
             events: BTreeMap::new(),
             clocks: BTreeMap::new(),
+            told: BTreeMap::new(),
             timers: timer::timers(&own, &event::awaited(&own)),
             variables: BTreeMap::new(),
             awaited: event::awaited(&own),
@@ -103,6 +106,11 @@ impl<'a> Model<'a> {
         let mut names = Names::default();
         model.variables = variables(&own, &mut names);
         model.clocks = timer::clocks(&own, &model.timers, &model.awaited, &mut names);
+        for state in own.iter().filter(|node| tag(**node) == "parallel" && event::can_complete(**node)) {
+            if model.tells_completion(*state) {
+                model.told.insert(number(*state), names.take("told"));
+            }
+        }
         Ok(model)
     }
 
@@ -112,6 +120,23 @@ impl<'a> Model<'a> {
         event::stems_of(event)
             .filter_map(|stem| self.awaited.get(stem))
             .any(|states| states.iter().any(|state| Some(*state) != besides))
+    }
+
+    /// Whether a signal tells of the completion of a state, because not only this state waits for it.
+    pub(super) fn tells_completion(&self, state: Node<'_>) -> bool {
+        let event = event::completion_of(state);
+        let is_needed = self.has_any || self.is_awaited(&event, Some(state));
+        is_needed && self.events.contains_key(&event) && inner_states(state).next().is_some()
+    }
+
+    /// The signal for an event; empty if there is none.
+    pub(super) fn signal_of(&self, event: &str) -> &str {
+        self.events.get(event).and_then(|known| known.signal.as_deref()).unwrap_or_default()
+    }
+
+    /// Whether only a state itself waits for its completion.
+    pub(super) fn hears_completion(&self, state: Node<'_>) -> bool {
+        inner_states(state).next().is_some() && !self.tells_completion(state)
     }
 
     /// Returns the name of a state.

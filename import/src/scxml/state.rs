@@ -18,7 +18,6 @@ pub(super) fn comment(node: Node<'_>) -> String {
 /// # Errors
 /// A transition leads to a state that the chart does not have.
 pub(super) fn inside(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, ImportError> {
-    let is_wrapped = needs_inside(writer, node);
     let mut text = begin(writer, node)?;
     let (mut border, mut runs) = (String::new(), Vec::new());
     for child in node.children() {
@@ -31,10 +30,7 @@ pub(super) fn inside(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, 
         match tag(child) {
             _ if is_state(child) => text += &state(writer, child)?,
             "transition" if tag(node) == "history" => {}
-            "transition" => {
-                let written = transition::transition(writer, child, node)?;
-                if is_wrapped && transition::is_about_run(child) { border += &written } else { text += &written }
-            }
+            "transition" => text += &transition::transition(writer, child, node)?,
             "onentry" => border += &format!("on entry {{\n{}}}\n", action::actions(writer, child)),
             "onexit" => border += &format!("on exit {{\n{}}}\n", action::actions(writer, child)),
             "invoke" => runs.push(invoke(writer, child, &mut border)),
@@ -50,22 +46,7 @@ pub(super) fn inside(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, 
         true => String::new(),
         false => format!("run ({});\n", runs.join(", ")),
     };
-    if is_wrapped {
-        let name = writer.model.state_names.take(&format!("{}_inside", writer.model.name(node)));
-        return Ok(format!("{run}{border}initial state {name} {{\n{text}}}\n"));
-    }
     Ok(format!("{run}{border}{text}"))
-}
-
-/// Whether the states inside a state need a state of their own around them.
-///
-/// An internal transition does not leave its source. In a spec each transition leaves its source, so the transitions belong to
-/// a state inside, and the actions on entry and exit to the state around it.
-fn needs_inside(writer: &Writer<'_>, node: Node<'_>) -> bool {
-    let is_internal =
-        |child: Node<'_>| tag(child) == "transition" && transition::is_internal(&writer.model, child, node);
-    let has_border = elements(node).any(|child| ["onentry", "onexit", "invoke", "history"].contains(&tag(child)));
-    has_border && elements(node).any(is_internal)
 }
 
 /// The state that leads to the first states, if no state inside can be marked as `initial`.
@@ -84,13 +65,19 @@ fn begin(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, ImportError>
         return Ok(String::new());
     }
     let targets: Vec<String> = named.iter().map(|state| state.name.clone()).collect();
+    let mut remark = String::new();
+    if node.ancestors().any(|around| tag(around) == "parallel") {
+        let why =
+            format!("the states inside `{}` are entered after those of the regions beside it", writer.model.name(node));
+        remark = writer.remark(node, RemarkKind::Differs, why);
+    }
     let around = if tag(node) == "scxml" { "chart" } else { writer.model.name(node) };
     let name = writer.model.state_names.take(&format!("{around}_begins"));
     let actions = match entry {
         Some(entry) if has_actions => format!(" {{\n{}}}", action::actions(writer, entry)),
         Some(_) | None => ";".into(),
     };
-    Ok(format!("initial state {name} {{ on always -> {}{actions} }}\n", targets.join(", ")))
+    Ok(format!("{remark}initial state {name} {{ on always -> {}{actions} }}\n", targets.join(", ")))
 }
 
 /// Whether a state is the one that the state around it begins in.

@@ -1,6 +1,6 @@
 //! Delayed events that a chart sends to itself. Most of them become a timer of one state.
 
-use super::event::{Awaited, sent_to_self, stems_of};
+use super::event::{Awaited, matches, sent_to_self, stems, stems_of};
 use super::model::{inner_states, is_state};
 use crate::name::{Names, identifier};
 use crate::xml::{Node, elements, number, tag};
@@ -92,7 +92,7 @@ pub(super) fn delay(send: Node<'_>) -> Option<u64> {
 ///
 /// A state has a timer if it alone waits for the event, and if the event is sent whenever the state is entered: by its own
 /// `<onentry>`, or by each transition to it. A `<cancel>` may name the event only where the state is left, since the timer
-/// ends there. No internal transition may leave the state around its timer.
+/// ends there.
 pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Timer> {
     let mut sends_of: BTreeMap<&str, Vec<Node<'_>>> = BTreeMap::new();
     for &send in own.iter().filter(|node| tag(**node) == "send") {
@@ -104,8 +104,22 @@ pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Ti
         own.iter().filter(|node| tag(**node) == "raise").filter_map(|node| node.attribute("event")).collect();
     let transitions: Vec<Node<'_>> = own.iter().copied().filter(|node| tag(*node) == "transition").collect();
     let mut timers = BTreeMap::new();
+    // A transition for any event would not take the end of a timer.
+    if awaited.contains_key("*") {
+        return timers;
+    }
     for (event, sends) in sends_of.iter().filter(|(event, _)| !raised.contains(*event)) {
         let handlers: BTreeSet<_> = stems_of(event).filter_map(|stem| awaited.get(stem)).flatten().collect();
+        let takes =
+            |node: &&Node<'_>| stems(node.attribute("event").unwrap_or_default()).any(|stem| matches(stem, event));
+        let mut taking: Vec<&Node<'_>> = transitions.iter().filter(takes).collect();
+        taking.pop();
+        // Each transition has a timer of its own here, and only a transition that leaves the state ends the others.
+        let leaves =
+            |node: &&Node<'_>| node.attribute("target").is_some() && node.attribute("type") != Some("internal");
+        if !taking.iter().all(leaves) {
+            continue;
+        }
         let times: BTreeSet<Option<u64>> = sends.iter().map(|send| delay(*send)).collect();
         let (Some(&&state), Some(&Some(time)), 1, 1) = (handlers.first(), times.first(), handlers.len(), times.len())
         else {
@@ -117,7 +131,6 @@ pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Ti
         let is_timer = |state: &Node<'_>| {
             time > 0
                 && is_state(*state)
-                && !elements(*state).any(is_inner)
                 && is_sent_at_entry(sends, &transitions, *state)
                 && is_cancelled_at_exit(own, id, *state)
         };
@@ -127,11 +140,6 @@ pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Ti
         }
     }
     timers
-}
-
-/// Whether a transition may stay inside its source.
-fn is_inner(node: Node<'_>) -> bool {
-    tag(node) == "transition" && node.attribute("type") == Some("internal") && node.attribute("target").is_some()
 }
 
 /// Whether each `<cancel>` of an id stands where a state is left: in its `<onexit>`, or in a transition of it to some state.
@@ -150,28 +158,33 @@ fn is_sent_at_entry(sends: &[Node<'_>], transitions: &[Node<'_>], state: Node<'_
     {
         return block.parent() == Some(state);
     }
-    let id = state.attribute("id");
-    let leads_here = |node: &&Node<'_>| {
-        node.attribute("target").is_some_and(|ids| ids.split_whitespace().any(|target| Some(target) == id))
-    };
+    let leads_here = |node: &&Node<'_>| names(**node, "target", state);
     // A transition to a state inside enters this state as well, without its event.
-    let is_entered_inside = state.descendants().skip(1).any(|inner| {
-        is_state(inner)
-            && inner.attribute("id").is_some_and(|id| {
-                transitions.iter().any(|transition| {
-                    let ids = transition.attribute("target").unwrap_or_default();
-                    ids.split_whitespace().any(|target| target == id) && !transition.ancestors().any(|a| a == state)
-                })
-            })
+    let enters = |transition: &Node<'_>| match transition.parent() == Some(state) {
+        true => transition.attribute("type") != Some("internal"),
+        false => !transition.ancestors().any(|around| around == state),
+    };
+    let is_entered_inside = state.descendants().skip(1).filter(|inner| is_state(*inner)).any(|inner| {
+        let mut entering = transitions.iter().filter(|transition| enters(transition));
+        entering.any(|transition| names(*transition, "target", inner))
     });
+    let is_remembered = state.ancestors().skip(1).any(|around| elements(around).any(|inner| tag(inner) == "history"));
     let entries: Vec<_> = transitions.iter().filter(leads_here).map(|node| number(*node)).collect();
     let sending: BTreeSet<_> = sends.iter().filter_map(|send| send.parent()).map(number).collect();
-    let is_first = state.parent().is_some_and(|around| {
-        let named = around.attribute("initial").map(|ids| ids.split_whitespace().any(|target| Some(target) == id));
-        named.unwrap_or_else(|| tag(around) == "parallel" || inner_states(around).next() == Some(state))
-    });
+    let is_first = state.ancestors().skip(1).any(|around| names(around, "initial", state))
+        || state.parent().is_some_and(|around| {
+            let has_no_initial = around.attribute("initial").is_none();
+            has_no_initial && (tag(around) == "parallel" || inner_states(around).next() == Some(state))
+        });
     !is_first
+        && !is_remembered
         && !is_entered_inside
         && entries.len() == sends.len()
         && entries.iter().all(|entry| sending.contains(entry))
+}
+
+/// Whether an attribute of an element names a state.
+fn names(node: Node<'_>, attribute: &str, state: Node<'_>) -> bool {
+    let id = state.attribute("id");
+    node.attribute(attribute).is_some_and(|ids| ids.split_whitespace().any(|named| Some(named) == id))
 }

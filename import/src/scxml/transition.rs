@@ -1,15 +1,15 @@
 //! Transitions: the event that each one waits for, and its target.
 
-use super::event::{is_completion, is_of_platform, matches, stems};
+use super::event::{completion_of, is_of_platform, matches, stems};
 use super::expression;
-use super::model::Model;
+use super::model::{Model, inner_states};
 use super::{Writer, action};
 use crate::name::{duration, plain};
 use crate::remark::RemarkKind;
-use crate::xml::{ImportError, Node, elements, tag};
+use crate::xml::{ImportError, Node, elements, number, tag};
 
-/// Returns whether a transition stays inside its source.
-pub(super) fn is_internal(model: &Model<'_>, transition: Node<'_>, source: Node<'_>) -> bool {
+/// Whether a transition stays inside its source.
+fn is_internal(model: &Model<'_>, transition: Node<'_>, source: Node<'_>) -> bool {
     let ids = transition.attribute("target").unwrap_or_default();
     let is_inside = |id: &str| {
         let target = model.states.get(id);
@@ -21,10 +21,14 @@ pub(super) fn is_internal(model: &Model<'_>, transition: Node<'_>, source: Node<
         && ids.split_whitespace().all(is_inside)
 }
 
-/// Returns whether a transition waits for the end of the process that its state invokes.
-pub(super) fn is_about_run(transition: Node<'_>) -> bool {
-    stems(transition.attribute("event").unwrap_or_default())
-        .any(|stem| matches("done.invoke", stem) || matches("error", stem))
+/// The parallel state that a transition from one of its regions does not leave here, but in SCXML.
+fn parallel_that_stays<'a>(model: &Model<'a>, transition: Node<'a>, source: Node<'a>) -> Option<Node<'a>> {
+    let ids = transition.attribute("target").filter(|ids| !ids.trim().is_empty())?;
+    let targets: Vec<Node<'_>> = ids.split_whitespace().filter_map(|id| Some(model.states.get(id)?.node)).collect();
+    let holds =
+        |around: &Node<'_>| targets.iter().all(|target| target.ancestors().skip(1).any(|outer| outer == *around));
+    let around = source.ancestors().skip(1).find(holds)?;
+    (tag(around) == "parallel" && !is_internal(model, transition, source)).then_some(around)
 }
 
 /// Returns a transition: one for each event that fits, since a name of SCXML means all names that begin with it.
@@ -37,7 +41,16 @@ pub(super) fn transition(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'
         None => String::new(),
         Some(ids) => {
             let names: Vec<String> = writer.model.named(node, ids)?.iter().map(|state| state.name.clone()).collect();
-            if names.is_empty() { String::new() } else { format!(" -> {}", names.join(", ")) }
+            let staying =
+                parallel_that_stays(&writer.model, node, source).map(|around| writer.model.name(around).to_owned());
+            if let Some(around) = staying {
+                let why = format!(
+                    "`{around}` stays active here, and its regions begin again; a chart leaves `{around}` as well"
+                );
+                remarks += &writer.remark(node, RemarkKind::Differs, why);
+            }
+            let internal = if is_internal(&writer.model, node, source) { "internal " } else { "" };
+            if names.is_empty() { String::new() } else { format!(" -> {internal}{}", names.join(", ")) }
         }
     };
     let triggers = triggers(writer, node, source, &mut remarks);
@@ -95,7 +108,7 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
         let similar = from.take_while(|(event, _)| event.starts_with(stem));
         for (event, known) in similar.filter(|(event, _)| matches(stem, event)) {
             is_known = true;
-            let own = is_completion(event) && source.attribute("id").is_some_and(|id| event[11..] == *id);
+            let own = *event == completion_of(source) && writer.model.hears_completion(source);
             match (&known.port, &known.signal) {
                 _ if own => add("complete".into()),
                 (Some(port), _) => add(format!("message {port}")),
@@ -116,16 +129,42 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
     triggers
 }
 
-/// Returns the transition that tells other states of the completion of a state.
+/// Returns what tells other states of the completion of a state, as a part of this state or of a final state in it.
+///
+/// A final state raises the signal on its entry, where the event of the chart comes too. A parallel state raises the signal as
+/// soon as all its regions have completed, and again if it completes again.
 pub(super) fn completion(writer: &mut Writer<'_>, node: Node<'_>) -> String {
-    let Some(id) = node.attribute("id").filter(|_| super::model::inner_states(node).next().is_some()) else {
-        return String::new();
+    let Some(parent) = node.parent().filter(|_| tag(node) == "final") else {
+        return if tag(node) == "parallel" { regions_completion(writer, node) } else { String::new() };
     };
-    let event = format!("done.state.{id}");
-    let Some(known) = writer.model.events.get(&event) else { return String::new() };
-    let is_needed = writer.model.is_awaited(&event, Some(node));
-    match known.signal.as_ref().filter(|_| is_needed) {
-        Some(signal) => format!("on complete {{ raise {signal}; }}\n"),
-        None => String::new(),
+    let mut text = String::new();
+    if tag(parent) == "state" && writer.model.tells_completion(parent) {
+        text = format!("on entry {{ raise {}; }}\n", writer.model.signal_of(&completion_of(parent)));
     }
+    let around = parent.ancestors().skip(1).take_while(|around| tag(*around) == "parallel");
+    let told = around.filter_map(|around| writer.model.told.get(&number(around)));
+    let forgets: String = told.map(|told| format!("{told} = false;\n")).collect();
+    if forgets.is_empty() { text } else { format!("{text}on exit {{\n{forgets}}}\n") }
+}
+
+fn regions_completion(writer: &mut Writer<'_>, node: Node<'_>) -> String {
+    let Some(told) = writer.model.told.get(&number(node)).cloned() else { return String::new() };
+    let event = completion_of(node);
+    let (signal, are_over) = (writer.model.signal_of(&event).to_owned(), over(&writer.model, node));
+    let why = format!("`{}` comes behind all events of the step that completes it", plain(&event));
+    let remark = writer.remark(node, RemarkKind::Differs, why);
+    format!("{remark}on always when !{told} && {are_over} {{\n{told} = true;\nraise {signal};\n}}\n")
+}
+
+/// The condition that a state has completed.
+fn over(model: &Model<'_>, state: Node<'_>) -> String {
+    let join = |parts: Vec<String>, sign: &str| match parts.len() {
+        1 => parts.concat(),
+        _ => format!("({})", parts.join(sign)),
+    };
+    if tag(state) == "parallel" {
+        return join(inner_states(state).map(|region| over(model, region)).collect(), " && ");
+    }
+    let ends = inner_states(state).filter(|inner| tag(*inner) == "final");
+    join(ends.map(|end| format!("in({})", model.name(end))).collect(), " || ")
 }

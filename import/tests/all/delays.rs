@@ -49,9 +49,8 @@ fn chart(random: &mut Random) -> Vec<State> {
     let of = |state| (0..count).filter(|child| parents[*child] == Some(state)).collect::<Vec<_>>();
     (0..count)
         .map(|state| {
-            // A chart with both sorts in one state is not made: see `differs`.
-            let (children, is_internal) = (of(state), random.one_in(2));
-            let transitions = (0..1 + random.below(3)).map(|_| transition(random, count, is_internal, &children));
+            let children = of(state);
+            let transitions = (0..1 + random.below(3)).map(|_| transition(random, count, &children));
             let transitions = transitions.collect();
             let (entry, exit) = (acts(random, 2), acts(random, 3));
             State { parent: parents[state], children, entry, exit, transitions }
@@ -59,9 +58,9 @@ fn chart(random: &mut Random) -> Vec<State> {
         .collect()
 }
 
-fn transition(random: &mut Random, count: usize, is_internal: bool, children: &[usize]) -> Transition {
+fn transition(random: &mut Random, count: usize, children: &[usize]) -> Transition {
     let event = if random.one_in(2) { format!("e{}", random.below(3)) } else { format!("t{}", random.below(2)) };
-    let inner = (!children.is_empty() && is_internal).then(|| children[random.below(2)]);
+    let inner = (!children.is_empty() && random.one_in(2)).then(|| children[random.below(2)]);
     let target = if random.one_in(4) { None } else { inner.or(Some(random.below(count))) };
     Transition { event, target, is_internal: inner.is_some(), acts: acts(random, 3) }
 }

@@ -2,6 +2,7 @@
 
 mod behavior;
 mod cases;
+mod charts;
 mod delays;
 mod hostile;
 mod launch;

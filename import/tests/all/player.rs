@@ -68,13 +68,16 @@ pub(crate) struct Player<'a> {
     /// The timers that run, with their times.
     timers: Vec<(Duration, Event)>,
     end: Option<String>,
+    /// The lines for people so far.
+    pub(crate) logs: Vec<String>,
 }
 
 impl<'a> Player<'a> {
     /// Starts a chart.
     pub(crate) fn start(played: &'a Played, automaton: &'a Automaton) -> Self {
         let configuration = Configuration::new(automaton);
-        let mut player = Self { played, automaton, configuration, now: Duration::ZERO, timers: vec![], end: None };
+        let mut player =
+            Self { played, automaton, configuration, now: Duration::ZERO, timers: vec![], end: None, logs: vec![] };
         player.send(Event::Start(Value::EMPTY));
         player.pass(Duration::ZERO);
         player
@@ -93,11 +96,8 @@ impl<'a> Player<'a> {
                     let event = Event::Elapsed { transition, activation: Activation(number) };
                     self.timers.push((self.now + after, event));
                 }
-                Command::Run { .. }
-                | Command::Stop { .. }
-                | Command::Cancel { .. }
-                | Command::Log(_)
-                | Command::Lost { .. } => {}
+                Command::Log(line) => self.logs.push(line),
+                Command::Run { .. } | Command::Stop { .. } | Command::Cancel { .. } | Command::Lost { .. } => {}
             }
         }
         if let Some(Outcome::Aborted(reason)) = outcome {

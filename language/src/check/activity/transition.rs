@@ -77,14 +77,43 @@ impl ActivityReader<'_, '_> {
         };
         let actions = self.actions(node, value);
         let Some(target) = target else { return };
+        let Some(internal) = self.internal(node, &target, state) else { return };
         let parts = [Some(trigger.clone()), node.child(SyntaxKind::Guard)];
         let label: Vec<String> = parts.into_iter().flatten().map(|part| formula::text(&part)).collect();
         self.places.push(TransitionText { span: node.span(), label: label.join(" ") });
-        let transition = Transition { guard, actions, ..Transition::new(state, awaited.trigger, target) };
+        let transition = Transition { guard, actions, internal, ..Transition::new(state, awaited.trigger, target) };
         self.chart.transitions.push(transition);
         if let Some(asking) = &asking {
             question::read(self, asking);
         }
+    }
+
+    /// Whether a transition is written as `-> internal inner`; none if it cannot stay inside its state.
+    fn internal(&mut self, node: &Node, target: &Target, state: usize) -> Option<bool> {
+        let Some(word) = node.names().find(|name| name.text == "internal") else { return Some(false) };
+        let chart = &self.chart;
+        let name = &chart.states[state].name;
+        let is_outside = |inner: &usize| !chart.upward(*inner).skip(1).any(|around| around == state);
+        let why = match (target, &chart.states[state].kind) {
+            (Target::States(_), StateKind::Parallel) => {
+                format!("an internal transition cannot stay inside `{name}`, whose regions are all active")
+            }
+            (Target::States(inner), _) => match inner.iter().copied().find(is_outside) {
+                Some(outside) => {
+                    let outside = &chart.states[outside].name;
+                    format!("an internal transition leads to states inside `{name}`, and `{outside}` is not inside it")
+                }
+                None => return Some(true),
+            },
+            (Target::Stay | Target::Resume | Target::Done(_) | Target::Abort(_), _) => {
+                format!("an internal transition leads to states inside `{name}`")
+            }
+        };
+        self.report(
+            Diagnostic::new(Code::E0902, word.span, why)
+                .help("leave out `internal`, so that this state is left and entered again"),
+        );
+        None
     }
 
     /// `on entry { ... }`, `on exit { ... }`

@@ -149,6 +149,10 @@ impl Parser<'_> {
         if self.at_word("confirm") {
             self.asking();
         } else if self.eat(Arrow) {
+            // Before a `;`, a `,` or a block, `internal` is the name of a state.
+            if self.at_word("internal") && self.kind(1) == Ident {
+                self.bump();
+            }
             self.target();
         }
         if self.at(LeftBrace) {
