@@ -236,11 +236,7 @@ impl Participant {
                 self.tell_executer(group, out, |executer, at, out| executer.switched(generation, at, out));
             }
             ToParticipant::Flip { group, generation, flip } => {
-                let asked = Asked { group, generation, host: from.to_owned() };
-                self.links.flip(&self.site, &self.processes, flip, asked, out);
-            }
-            ToParticipant::Expect { group, leaf, expect } => {
-                self.expect(ExpectedSwitch { group, leaf, expect, then: None }, from, out);
+                self.flip(flip, Asked { group, generation, host: from.to_owned() }, out);
             }
             ToParticipant::Expect { group, leaf, expect } => {
                 self.expect(ExpectedSwitch { group, leaf, expect, then: None }, from, out);

@@ -37,11 +37,6 @@ impl<'a> Readable<'a> {
         if key.namespace() == Namespace::Local { self.local.versions(key) } else { self.state.versions(key) }
     }
 
-    /// Returns the versions of a key.
-    pub(super) fn versions(&self, key: &Key) -> &'a [Version] {
-        if key.namespace() == Namespace::Local { self.local.versions(key) } else { self.state.versions(key) }
-    }
-
     /// Answers with the changes to keys and their authors, as far as these are kept here. A replica that has joined a
     /// team begins with a state, and a long log is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
