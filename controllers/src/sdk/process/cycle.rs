@@ -55,7 +55,7 @@ pub(super) struct Cycle {
     phase: Phase,
     activation: u32,
     tally: Tally,
-    /// What has come while nothing ran.
+    /// The values and calls that have come while nothing ran.
     early: Early,
     /// Switches of inputs that are done after the next calculation.
     switches: Vec<TakenSwitch>,
@@ -152,7 +152,7 @@ impl Cycle {
         self.lines.inbox.wake();
     }
 
-    /// Returns whether a call has an answer while nothing runs. That there is no such export is an answer, too.
+    /// Returns whether a call has an answer while nothing runs. If the export does not exist, this is the answer.
     fn is_answered_idle(&self, name: &str) -> bool {
         let export = self.module.interface().exports.iter().find(|export| export.name == name);
         export.is_none_or(|export| export.is_answered_idle || export.kind == ExportKind::State)

@@ -1,9 +1,9 @@
-//! What comes to a controller before its activation begins.
+//! Values and calls that reach a controller before its activation begins.
 //!
-//! A supervisor decides to start several programs in one step, and each of them begins when its own order has come. So a producer may
-//! send, and a caller may call, a moment before the other program has begun. Nothing of that is lost: the controller gets all values
-//! that come after the decision to start it, and calls wait a second for it. Earlier values are dropped, except for the last value of
-//! each latched wire.
+//! A supervisor decides to start several programs in one step, and each program begins when it has received its order. So a producer may
+//! send, and a caller may call, a moment before the other program has begun. The controller gets all values that arrive after the
+//! decision to start it, and calls wait up to a second for it. Earlier values are dropped, except for the last value of each latched
+//! wire.
 
 use super::inbox::{Arrived, ToServe};
 use comms::io::direct::Value;
@@ -52,8 +52,8 @@ impl Early {
         all
     }
 
-    /// Lets a call wait for an activation, but at most for half of the time that its caller has left. Gives back a call for which there
-    /// is no room.
+    /// Lets a call wait for an activation, but at most for half of the time that its caller has left. Returns the call if
+    /// too many calls already wait.
     pub(super) fn hold(&mut self, call: ToServe, now: Time) -> Option<ToServe> {
         if self.calls.len() >= CALLS_MAX {
             return Some(call);
@@ -95,7 +95,7 @@ mod tests {
     fn begun(early: &mut Early) -> Vec<u8> {
         let number = |sample: Arrived| match sample.value {
             Value::Own(bytes) => bytes[0],
-            Value::Loaned(_) => panic!("it is nobody else's"),
+            Value::Loaned(_) => panic!("the test has no shared memory"),
         };
         early.begin(DECIDED).into_iter().map(number).collect()
     }
@@ -173,7 +173,7 @@ mod tests {
         );
         assert!(early.hold(call("gone", Duration::from_secs(9), false), now).is_none());
         wanted.store(false, Ordering::Relaxed);
-        assert_eq!(name(early.take_call(now + BEGIN_WITHIN, false)), None, "nobody waits for it");
+        assert_eq!(name(early.take_call(now + BEGIN_WITHIN, false)), None, "its caller has gone");
         (0..CALLS_MAX).for_each(|_| assert!(early.hold(call("one", Duration::from_secs(9), true), now).is_none()));
         assert_eq!(name(early.hold(call("more", Duration::from_secs(9), true), now)).as_deref(), Some("more"));
     }
