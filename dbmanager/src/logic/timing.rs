@@ -44,12 +44,12 @@ const _: () = {
         a.as_nanos() < b.as_nanos()
     }
     assert!(before(HELLO_PERIOD_MIN, HELLO_PERIOD_MAX));
-    assert!(before(PULL_AFTER_PUSH, PULL_PAUSE_MIN), "what is on its way comes before anybody is left alone");
+    assert!(before(PULL_AFTER_PUSH, PULL_PAUSE_MIN), "a pushed transaction arrives before a replica pauses its pulls");
     assert!(PULL_PAUSE_MIN.as_nanos() << (2 * (SILENCES_MAX - 1)) == PULL_PAUSE_MAX.as_nanos());
     assert!(before(PULL_ANSWER_LATE_MAX, PULL_WITHIN) && before(CHUNK_WAIT_MAX, CHUNK_WITHIN));
     assert!(before(CHUNK_TIME_FAST, CHUNK_WAIT_MIN) && before(CHUNK_WAIT_MIN, CHUNK_TIME_TRY));
     assert!(
         before(CHUNK_TIME_TRY, CHUNK_WAIT_MAX),
-        "a slow chunk is not given up before it can be told from a long way"
+        "a chunk that takes so long may come over a fast link with a long delay"
     );
 };

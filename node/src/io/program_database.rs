@@ -212,7 +212,7 @@ impl ProgramRequests {
         if !ports.is_empty()
             && let Err(error) = self.sender.send(&Order::Keys { ports: ports.to_vec() })
         {
-            tracing::debug!(%error, "a program was not told of its keys");
+            tracing::debug!(%error, "cannot tell a program which database keys its ports use");
         }
     }
 

@@ -101,7 +101,7 @@ fn what_waits_is_listed_and_a_stop_ends_it() {
     let stopped = here.ask(&["stop", "endless"]);
     assert_eq!((stopped.code, stopped.out.as_str()), (Some(0), "`endless` is stopped; nothing of it is left\n"));
     assert_eq!(kept(&here, "c1"), Vec::<PathBuf>::new(), "the disk has it");
-    told(&here, "it is not resumed: it was stopped before it ran");
+    told(&here, "the deployment is not resumed: it was stopped before it ran");
     kill(&c1);
     let _c1 = here.node("c1", &["--boot-id", "third"]);
     let waiting: Vec<_> = here.statuses(&[]).into_iter().flat_map(|node| node.waiting).collect();
@@ -143,7 +143,7 @@ fn what_was_stopped_while_its_home_was_away_does_not_come_back() {
     kill(&c2);
     let _c2 = here.node("c2", &[]);
     let _c1 = here.node("c1", &["--boot-id", "second"]);
-    told(&here, "it is not resumed: it was stopped while `c1` was away, as `c2` says");
+    told(&here, "the deployment is not resumed: it was stopped while `c1` was away, as `c2` says");
     assert!(wait_until(SOON, || kept(&here, "c1").is_empty()).is_some());
     assert!(wait_until(SOON, || here.pids().is_empty()).is_some(), "{:?}", here.pids());
 }

@@ -334,8 +334,7 @@ impl Cycle {
         tracing::warn!(%error, "a sample was not taken");
     }
 
-    /// Sets the next deadline: one period after a trigger, or else on the grid, which a trigger inside a group does not
-    /// change. Missed deadlines are counted.
+    /// Sets the next deadline, and counts missed deadlines.
     fn arm(&mut self, time: Time) {
         self.tally.overruns += self.deadlines.arm(time);
     }

@@ -390,9 +390,9 @@ impl Agent {
     /// Reports why a deployment is not resumed after all.
     pub(super) fn not_resumed(&mut self, resumed: &Resumed, why: &str, out: &mut Out<'_>) {
         let deployment = resumed.from.clone();
-        tracing::warn!(%deployment, why, "it is not resumed");
+        tracing::warn!(%deployment, why, "a deployment is not resumed");
         if let Some(history) = self.past.history_or_new(&deployment, &self.identity.host) {
-            let reasons = vec![format!("it is not resumed: {why}")];
+            let reasons = vec![format!("the deployment is not resumed: {why}")];
             let audience = Audience { listeners: self.callers.listeners.clone(), ..Audience::default() };
             history.report(Report::Refused { reasons }, 0, &audience, out);
         }

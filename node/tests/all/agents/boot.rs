@@ -186,7 +186,7 @@ fn nothing_is_begun_again_while_everything_is_stopped() {
     assert_eq!((runs(&world), world.kept["c1"].len()), (BTreeSet::new(), 0));
     let Answer::Report(Report::Refused { reasons }) = told(&mut world, 1) else { panic!("{:?}", told(&mut world, 1)) };
     assert!(
-        reasons[0].starts_with("it is not resumed: ") && reasons[0].contains("a person in the cell"),
+        reasons[0].starts_with("the deployment is not resumed: ") && reasons[0].contains("a person in the cell"),
         "{reasons:?}"
     );
 }
@@ -214,7 +214,7 @@ fn what_its_signer_may_not_have_any_more_is_not_begun_again() {
             let Answer::Report(Report::Refused { reasons }) = told(&mut world, 1) else {
                 panic!("{:?}", told(&mut world, 1))
             };
-            assert_eq!(reasons, [format!("it is not resumed: {why}")]);
+            assert_eq!(reasons, [format!("the deployment is not resumed: {why}")]);
             assert!(world.kept["c1"].is_empty(), "it is forgotten");
         }
     }

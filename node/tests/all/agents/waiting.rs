@@ -98,7 +98,7 @@ fn a_stop_ends_the_waiting_for_good() {
         assert_eq!(world.answers[&stop], [Answer::Stop(StopReply::Stopped)], "{case:?}");
         assert_eq!((waiting(&mut world), world.kept["c1"].len()), (Vec::new(), 0), "{case:?}");
         let Answer::Report(Report::Refused { reasons }) = told(&mut world, 1) else { panic!("{case:?}") };
-        assert_eq!(reasons, ["it is not resumed: it was stopped before it ran"], "{case:?}");
+        assert_eq!(reasons, ["the deployment is not resumed: it was stopped before it ran"], "{case:?}");
         (0..kills_after).for_each(|_| kill(&mut world));
         if !is_other_there {
             power_on(&mut world, "c2", true);

@@ -37,8 +37,8 @@ impl Deadlines {
         self.schedule.trigger.is_none() && self.due.since(now) < within
     }
 
-    /// Sets the next deadline: one period after a trigger, or on the grid, which a trigger inside a group leaves alone.
-    /// Returns how many deadlines were missed.
+    /// Sets the next deadline. If the schedule has a trigger, the deadline is one period after `time`. Otherwise the deadline is the
+    /// next point of a fixed grid of periods, also after a trigger inside a group. Returns how many deadlines were missed.
     pub(super) fn arm(&mut self, time: Time) -> u64 {
         let period = self.schedule.period;
         if self.schedule.trigger.is_some() {
