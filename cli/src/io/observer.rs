@@ -340,7 +340,10 @@ mod tests {
         let observer = Observer::open(None, sink);
         observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
-        assert!(why.starts_with("signals of `main/gone` cannot be seen: cannot reach session 1: it listens"), "{why}");
+        assert!(
+            why.starts_with("signals of `main/gone` cannot be seen: cannot reach session 1: it does not listen"),
+            "{why}"
+        );
         let signals = Signals { stamp: clock::now(), values: Vec::new() };
         let bytes = codec::encode(&signals).unwrap();
         let publishing = tokio::task::spawn_blocking(move || {

@@ -265,7 +265,7 @@ mod tests {
             @dca.message
             @dataclass(slots=True)
             class Way:
-                """A way to go."""
+                """Describes a way to go."""
 
                 points: list[Point]
                 goal: WayGoal

@@ -384,7 +384,10 @@ mod tests {
         let refused = |answer: Answer| answer.unwrap_err().to_string();
         assert_eq!(ask("Open", &half, Activity::Running), Ok(vec![]));
         assert_eq!(refused(ask("Open", &two, Activity::Running)), "too wide");
-        assert!(refused(ask("Open", &two[1..], Activity::Running)).starts_with("the argument is not a `Width`"));
+        assert!(
+            refused(ask("Open", &two[1..], Activity::Running))
+                .starts_with("the argument is not a value of type `Width`")
+        );
         assert_eq!(refused(ask("Open", &half, Activity::Idle)), "`Open` cannot answer now: its process does not run");
         assert_eq!(
             refused(ask("Open", &half, Activity::Stopping)),

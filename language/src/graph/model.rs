@@ -238,14 +238,20 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
                 host: unit.host,
                 is_service: true,
                 is_group: false,
-                ports: vec![Port { name: topic.endpoint.port.text.clone(), direction, is_used: true }],
+                ports: Vec::new(),
                 resources: Vec::new(),
                 units: Vec::new(),
                 links: Vec::new(),
             });
             unit.units.len() - 1
         });
-        let outer = End { unit: Some(slot), port: 0 };
+        // A topic that the mission both sends to and hears has a port on each side.
+        let ports = &mut unit.units[slot].ports;
+        let port = ports.iter().position(|port| port.direction == direction).unwrap_or_else(|| {
+            ports.push(Port { name: topic.endpoint.port.text.clone(), direction, is_used: true });
+            ports.len() - 1
+        });
+        let outer = End { unit: Some(slot), port };
         let (from, to) = if topic.way.is_outward() { (inner, outer) } else { (outer, inner) };
         links.push(Link::plain(from, to));
     }

@@ -297,7 +297,8 @@ impl<'t> Parser<'t> {
         let place = self.after_last();
         // A bracket behind a string without an end is a part of it; one before a new section or a comma has no counterpart.
         let is_lost = kind == SyntaxKind::LeftParen && (self.ends_block() || self.at(SyntaxKind::Comma))
-            || kind == SyntaxKind::Colon && self.at_any(&[SyntaxKind::LeftBrace, SyntaxKind::DoubleColon]);
+            || kind == SyntaxKind::Colon && self.at_any(&[SyntaxKind::LeftBrace, SyntaxKind::DoubleColon])
+            || kind == SyntaxKind::Dot && self.at(SyntaxKind::DotDot);
         let has_place = !is_lost && !self.follows_open_string();
         let found = self.span();
         // Nothing can stand between the two.

@@ -83,10 +83,11 @@ fn with_mistake(text: &str, random: &mut Random) -> String {
     let token = tokens[random.below(tokens.len())];
     let (start, end) = (token.start as usize, token.end as usize);
     let word = &text[start..end];
+    let first = word.chars().next().map_or(0, char::len_utf8);
     let written = match random.below(4) {
         1 if token.kind == SyntaxKind::Ident => word.to_uppercase(),
-        2 if token.kind == SyntaxKind::Ident => format!("{word}{}", &word[..1]),
-        3 if token.kind == SyntaxKind::Ident && word.len() > 1 => word[1..].to_owned(),
+        2 if token.kind == SyntaxKind::Ident => format!("{word}{}", &word[..first]),
+        3 if token.kind == SyntaxKind::Ident && word.len() > first => word[first..].to_owned(),
         _ => " ".to_owned(),
     };
     format!("{}{written}{}", &text[..start], &text[end..])

@@ -336,8 +336,8 @@ fn a_node_on_a_read_only_disk_reads_and_reports() {
         let node = host.clone().with_read_only_state().node(name, &[]);
         assert_eq!(host.ask(&["db", "get", "team/a"]).code, read);
         let refused = host.ask(&["db", "put", "team/b", "1"]);
-        assert!(refused.code == Some(1) && refused.err.contains("can only be read"), "{refused}");
-        assert!(host.ask(&["db", "status"]).out.contains("can only be read"));
+        assert!(refused.code == Some(1) && refused.err.contains("is read-only"), "{refused}");
+        assert!(host.ask(&["db", "status"]).out.contains("is read-only"));
         node.signal(Signal::TERM);
         assert_eq!(node.ended(SOON).code, Some(0));
     }

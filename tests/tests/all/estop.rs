@@ -84,7 +84,7 @@ fn a_disk_that_does_not_have_it_is_told() {
     let all = here.ask(&["estop"]);
     assert_eq!(all.code, Some(1), "{all}");
     assert!(all.out.starts_with("c1: stopped; no program runs; its disk could not store this: `"), "{all}");
-    assert!(all.err.contains("the node would not know after a restart that everything is stopped"), "{all}");
+    assert!(all.err.contains("after a restart, the node would not know that everything is stopped"), "{all}");
     let (code, hosts) = estop_json(&here, &["--release"]);
     assert_eq!((code, hosts["hosts"][0]["unwritten"].is_string()), (Some(1), true), "{hosts:#}");
     std::fs::remove_dir(&file).expect("it is empty");

@@ -189,7 +189,7 @@ fn a_program_behind_a_cut_link() {
     watch.wait_for(Stream::Out, "travelled", SOON);
     network.cut(2);
     let ended = watch.ended(SOON);
-    let told = "it may have been carried out";
+    let told = "the call may have been carried out";
     assert!(ended.code == Some(3) && ended.err.contains(told), "{ended}");
 }
 

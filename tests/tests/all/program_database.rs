@@ -340,7 +340,7 @@ fn a_node_that_is_killed_leaves_its_programs_their_database() {
     let [committed, refused, unknown] = ["committed", "refused", "unknown"].map(count);
     println!("{committed} committed, {refused} refused while there was no node, {unknown} unknown");
     // A program that asks faster than its node answers is told this.
-    let is_honest = |why: &String| why.contains("the node is away") || why.contains("have no answer yet");
+    let is_honest = |why: &String| why.contains("the node is not connected") || why.contains("have no answer yet");
     let why = lines(&cluster, "writer", "refused");
     assert!(why.iter().all(is_honest), "{why:?}");
 }

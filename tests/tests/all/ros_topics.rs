@@ -1,6 +1,5 @@
 //! A mission with topics of ROS 2. The node starts a bridge, and a peer on plain Zenoh talks to a controller through it.
 
-use comms::io::clock::{Wakeup, now};
 use controllers::ros::Message as _;
 use controllers::ros::{geometry_msgs::TransformStamped, tf2_msgs::TFMessage};
 use dca_tests::cluster::{Cluster, Program, SOON, Stream, executable, wait_until};
@@ -253,79 +252,6 @@ fn static_transforms_of_several_nodes_are_there_for_late_ones() {
         }
     }
     drop(nodes);
-    mission.signal(Signal::INT);
-    mission.ended(SOON);
-}
-
-/// The round-trip times of messages, and the number of messages that do not come back.
-#[derive(Debug)]
-struct Figures {
-    median: Duration,
-    late: Duration,
-    lost: usize,
-}
-
-/// Sends this number of messages of this size, one in each period, on a topic whose messages are sent back.
-fn there_and_back(ros: &Ros, name: &str, count: usize, size: usize, period: Duration) -> Figures {
-    let (tx, rx) = sync_channel(count);
-    let heard = move |sample: Sample| {
-        let bytes = sample.payload().to_bytes();
-        let number =
-            std::str::from_utf8(&bytes[8..16]).expect("a peer of a test").parse::<usize>().expect("a peer of a test");
-        tx.try_send((number, now())).unwrap_or_default();
-    };
-    let back = format!("7/back{name}/{STRING}");
-    let subscriber = ros.session.declare_subscriber(back).callback(heard).wait().expect("a peer of a test");
-    let publisher = ros.session.declare_publisher(format!("7/there{name}/{STRING}")).wait().expect("a peer of a test");
-    let (began, pause) = (now() + Duration::from_millis(200), Wakeup::default());
-    let mut sent = Vec::new();
-    for number in 0..count {
-        pause.wait(Some(began + period * u32::try_from(number).expect("a peer of a test")));
-        let payload = message(&format!("{number:08}{}", "x".repeat(size)));
-        sent.push(now());
-        publisher
-            .put(payload)
-            .attachment(attachment(i64::try_from(number).expect("a peer of a test") + 1))
-            .wait()
-            .expect("a peer of a test");
-    }
-    let mut took = Vec::new();
-    while let Ok((number, at)) = rx.recv_timeout(Duration::from_secs(2)) {
-        took.push(at - sent[number]);
-    }
-    took.sort();
-    drop(subscriber);
-    Figures { median: took[took.len() / 2], late: took[took.len() * 99 / 100], lost: count - took.len() }
-}
-
-/// Prints how long small messages at 1 kHz and long ones at 30 Hz take through a mission, and with plain Zenoh in place of
-/// the mission.
-#[test]
-#[ignore = "long: 40 s of messages"]
-fn the_way_through_a_mission_costs_little_more_than_plain_zenoh() {
-    let (cluster, ros) = (Cluster::new(), Ros::new());
-    let spec = ECHO.replace("transient_local(1)", "reliable(100)");
-    let mission = run(&cluster, &ros, &spec);
-    assert!(wait_until(SOON, || ros.is_subscribed()).is_some());
-    let (subscriber, heard) = ros.hear();
-    expect_echo(&ros, &heard, 1, "begin");
-    drop(subscriber);
-    let plain = ros.client();
-    let answer = plain.declare_publisher(format!("7/back_plain/{STRING}")).wait().unwrap();
-    let echo = move |sample: Sample| {
-        let attachment = sample.attachment().unwrap().clone();
-        answer.put(sample.payload().clone()).attachment(attachment).wait().unwrap();
-    };
-    let echo = plain.declare_subscriber(format!("7/there_plain/{STRING}")).callback(echo).wait().unwrap();
-    for (count, size, period) in [(10_000, 16, Duration::from_millis(1)), (300, 4 << 20, Duration::from_millis(33))] {
-        let through = there_and_back(&ros, "", count, size, period);
-        let direct = there_and_back(&ros, "_plain", count, size, period);
-        for (way, Figures { median, late, lost }) in [("through a mission", &through), ("plain Zenoh", &direct)] {
-            println!("{size} B every {period:?}, {way}: {median:?}, 99 of 100 in {late:?}, {lost} lost");
-        }
-        assert_eq!(through.lost, 0);
-    }
-    drop(echo);
     mission.signal(Signal::INT);
     mission.ended(SOON);
 }

@@ -106,7 +106,7 @@ fn fill(host: &Host) {
 fn check_broken(ended: &Ended) {
     assert_eq!(ended.code, Some(3), "{ended}");
     let said: Vec<&str> = ended.err.lines().filter(|line| line.starts_with("error: ")).collect();
-    assert!(said.len() == 1 && said[0].contains("not everything"), "{ended}");
+    assert!(said.len() == 1 && said[0].contains("are not complete"), "{ended}");
 }
 
 /// If a node is killed in the middle of an export, the export leaves no file that looks complete, and none under the

@@ -187,7 +187,7 @@ fn an_audit_log_is_verified() {
     assert!(twice.code == Some(0) && twice.out.contains("1 signed head fits"), "{twice}");
     for text in [format!("{}\n", lines.join("\r\n")), format!("{}\r\n", lines.join("\n"))] {
         let refused = verify(&[&desk.cluster.file("crlf.audit", &text)]);
-        assert!(refused.code == Some(1) && refused.err.contains("is not as it was written"), "{refused}");
+        assert!(refused.code == Some(1) && refused.err.contains("was changed after it was written"), "{refused}");
     }
     let cut = desk.cluster.file("cut.audit", &format!("{}\n", lines[0]));
     let missing = verify(&[&cut, "--heads", &heads]);

@@ -92,7 +92,7 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     // A shortened log is consistent in itself, but does not match the head that the other node has signed.
     let cut: String = good.lines().take(1).map(|line| format!("{line}\n")).collect();
     let refused = robots.verify(&cut);
-    assert!(refused.code == Some(1) && refused.err.contains("is not as it was written"), "{refused}");
+    assert!(refused.code == Some(1) && refused.err.contains("was changed after it was written"), "{refused}");
     assert!(refused.err.contains("ends with nothing, but"), "{refused}");
     // A rewritten log with the same number of records.
     let (mut log, begin) = {

@@ -241,9 +241,9 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
 
     let good = dan.sign(&stop(), "c2");
     assert_eq!(at.ask_signed(&good), Answer::Stop(StopReply::Unknown), "it is accepted once");
-    at.signed_refused(good.clone(), "was here before");
+    at.signed_refused(good.clone(), "was used before");
     at.restart();
-    at.signed_refused(good.clone(), "was here before");
+    at.signed_refused(good.clone(), "was used before");
     // Without the list of accepted requests, a node would carry out a request again. So it does not run.
     let accepted = at.host.state().join("c2/team/accepted");
     let kept = at.cluster.folder().join("accepted");
@@ -256,7 +256,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     );
     fs::rename(&kept, &accepted).expect("it was there");
     at.restart();
-    at.signed_refused(good, "was here before");
+    at.signed_refused(good, "was used before");
 
     let gone = BTreeMap::from([(dan.keys.public().id(), team::now())]);
     let set = RevokedSet::sign(&at.team.team, 1, gone, &at.team.root, None).expect("a good set");
@@ -436,7 +436,7 @@ fn a_home_that_lies_starts_nothing() {
     assert!(matches!(started, ToCoordinator::Prepared { .. }), "{started:?}");
     assert_eq!(liar.order(5, ToParticipant::Release), ToCoordinator::Released);
     assert!(wait_until(SOON, || at.cluster.leaf("main/there").is_none()).is_some());
-    liar.refused(6, prepare(Some(&good)), "was here before");
+    liar.refused(6, prepare(Some(&good)), "was used before");
     liar.refused(4, prepare(Some(&dan.sign(&deploy(), "c1"))), "it is of epoch 4, but epoch 5 is known");
     drop(announced);
 }

@@ -191,7 +191,7 @@ fn mistakes_are_told_with_their_place() {
             "line 1, column 38: the integer 99999999999999999999 does not fit into 64 bits with a sign (a float has a point or an exponent; a longer number is best a text)"
         ],
     );
-    json("{\"a\": 1, \"a\": 2}", expect![[r#"line 1, column 16: the name "a" stands twice"#]]);
+    json("{\"a\": 1, \"a\": 2}", expect![[r#"line 1, column 16: the name "a" occurs twice"#]]);
     json("null", expect!["line 1, column 4: `null` is not a value (delete the key instead)"]);
     json("[1,\n2", expect!["line 2, column 1: EOF while parsing a list"]);
     json("1e999", expect!["line 1, column 5: number out of range"]);
