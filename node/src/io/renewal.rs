@@ -119,7 +119,7 @@ impl Renewals {
             Ok(true) => tracing::info!(by = from, until = self.member.validity().0.0, "the certificate was renewed"),
             Ok(false) => {}
             Err(error) => {
-                tracing::debug!(by = from, error = format!("{error:#}"), "a renewed certificate is not accepted")
+                tracing::debug!(by = from, error = format!("{error:#}"), "a renewed certificate is not accepted");
             }
         }
     }

@@ -31,7 +31,7 @@ pub(crate) enum End {
     /// Wires to the topic.
     ///
     /// The last value of a latched wire may come before there is a publisher.
-    ToRos { publisher: Option<Publisher>, early: Option<Vec<u8>>, conversion: Conversion, counts: Counts },
+    ToRos { publisher: Option<Box<Publisher>>, early: Option<Vec<u8>>, conversion: Conversion, counts: Counts },
     /// The topic to wires.
     FromRos { subscriber: Option<Subscriber>, waiting: Waiting },
     /// Calls of the mission to the service.
@@ -81,7 +81,7 @@ impl Carried {
             End::ToRos { publisher, early, .. } => {
                 let opened = session.publisher(id, &topic, qos)?;
                 early.take().into_iter().for_each(|message| opened.publish(message));
-                *publisher = Some(opened);
+                *publisher = Some(Box::new(opened));
             }
             End::FromRos { subscriber, waiting } => {
                 *subscriber = Some(session.subscriber(id, &topic, qos, Arc::clone(waiting), waker)?);

@@ -223,10 +223,7 @@ mod tests {
     fn rename_value(schema: &Schema, of: &Struct, value: &mut Value, name: &dyn Fn(&str) -> String) {
         let Value::Record(values) = value else { panic!("not a record") };
         for (field, value) in std::iter::zip(&of.fields, values) {
-            let values = match value {
-                Value::List(values) => values.iter_mut().collect(),
-                one => vec![one],
-            };
+            let values = if let Value::List(values) = value { values.iter_mut().collect() } else { vec![value] };
             for value in values {
                 match (&field.element, value) {
                     (Element::Message(index), value) => rename_value(schema, schema.at(*index), value, name),

@@ -79,9 +79,9 @@ mod tests {
         let (mut effects, mut messages) = (Vec::new(), Vec::new());
         let now = comms::logic::time::Time::ZERO;
         act(&mut Out { now, since_1970: Duration::ZERO, effects: &mut effects, messages: &mut messages });
-        let kept = effects.pop().map(|effect| match effect {
-            Effect::KeepTombstones(all) => all,
-            other => panic!("{other:?}"),
+        let kept = effects.pop().map(|effect| {
+            let Effect::KeepTombstones(all) = effect else { panic!("{effect:?}") };
+            all
         });
         (kept, messages.len())
     }

@@ -267,7 +267,7 @@ impl Participant {
         self.successions.begin(leaf, by, then);
         if !is_active {
             self.with_instance(leaf, out, |instance, context| {
-                instance.activate(activation, value, context.now, context)
+                instance.activate(activation, value, context.now, context);
             });
         } else if !is_stopping {
             // The program was never stopped.

@@ -236,7 +236,7 @@ impl Participant {
             Target::Leaf(leaf) if self.refuse_held(leaf, number, out) => {}
             Target::Leaf(leaf) => {
                 self.with_instance(leaf, out, |instance, context| {
-                    instance.activate(number, activation.value, decided, context)
+                    instance.activate(number, activation.value, decided, context);
                 });
             }
             Target::Group(group) => {
