@@ -1,4 +1,4 @@
-//! What a view keeps for pictures: plans, ends and changes of processes.
+//! Tests of plans, ends and changes of processes, which a view keeps for pictures.
 
 use super::*;
 
