@@ -151,7 +151,8 @@ fn a_node_that_is_killed_while_programs_overlap_leaves_one_of_them() {
 #[test]
 #[ignore = "long: many kills"]
 fn a_node_that_is_killed_again_and_again_while_programs_overlap_leaves_one_of_them() {
-    kill_while_they_overlap(rounds(20));
+    // A node that was killed more often within a minute takes on no more changes.
+    kill_while_they_overlap(rounds(5));
 }
 
 fn kill_while_they_overlap(times: u32) {
