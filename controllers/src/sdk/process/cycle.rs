@@ -19,7 +19,6 @@ use crate::sdk::export::Activity;
 use crate::sdk::module::{Delivery, DeliveryError, Module, Waker};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
-use comms::logic::object::ExportKind;
 use comms::logic::signals::{Peaks, Signals};
 use comms::logic::switch::HOLD_WITHIN;
 use comms::logic::time::Time;
@@ -55,7 +54,7 @@ pub(super) struct Cycle {
     phase: Phase,
     activation: u32,
     tally: Tally,
-    /// The values and calls that have come while nothing ran.
+    /// The values that have come while nothing ran.
     early: Early,
     /// Switches of inputs that are done after the next calculation.
     switches: Vec<TakenSwitch>,
@@ -122,7 +121,7 @@ impl Cycle {
                     drop(self.module);
                     return self.lines.inbox.leave();
                 }
-                self.lines.wait([self.lines.inbox.deadline(), self.early.deadline()].into_iter().flatten().min());
+                self.lines.wait(self.lines.inbox.deadline());
                 continue;
             }
             let time = now();
@@ -140,31 +139,18 @@ impl Cycle {
     /// Carries out calls of others, but only as many at once that the next calculation is not delayed.
     fn serve(&mut self) {
         for _ in 0..CALLS_AT_ONCE {
-            let (time, runs) = (now(), !matches!(self.phase, Phase::Idle));
-            if let Some(call) = self.early.take_call(time, runs) {
-                self.carry_out(call);
-                continue;
-            }
-            let Some(call) = self.lines.inbox.next_call() else { return };
-            let due = if runs || self.is_answered_idle(&call.name) { Some(call) } else { self.early.hold(call, time) };
-            due.into_iter().for_each(|call| self.carry_out(call));
+            let activity = match self.phase {
+                Phase::Idle => Activity::Idle,
+                Phase::Running => Activity::Running,
+                Phase::Stopping { .. } => Activity::Stopping,
+            };
+            let exports = &self.module.interface().exports;
+            let is_procedure = |name: &str| exports.iter().any(|one| one.name == name && !one.is_answered_idle);
+            let needs_run = |name: &str| activity == Activity::Idle && is_procedure(name);
+            let Some(ToServe { name, argument, reply }) = self.lines.inbox.next_call(needs_run) else { return };
+            self.call(|module| module.serve(&name, &argument, activity, reply));
         }
         self.lines.inbox.wake();
-    }
-
-    /// Returns whether a call has an answer while nothing runs. If the export does not exist, this is the answer.
-    fn is_answered_idle(&self, name: &str) -> bool {
-        let export = self.module.interface().exports.iter().find(|export| export.name == name);
-        export.is_none_or(|export| export.is_answered_idle || export.kind == ExportKind::State)
-    }
-
-    fn carry_out(&mut self, ToServe { name, argument, reply, .. }: ToServe) {
-        let activity = match self.phase {
-            Phase::Idle => Activity::Idle,
-            Phase::Running => Activity::Running,
-            Phase::Stopping { .. } => Activity::Stopping,
-        };
-        self.call(|module| module.serve(&name, &argument, activity, reply));
     }
 
     /// Hands the node messages for the activity whose ports the program has. Other programs have no such messages, and

@@ -161,8 +161,6 @@ pub(super) type OwnAnswer = (Call, Result<Vec<u8>, ObjectError>);
 pub(super) struct ToServe {
     pub(super) name: String,
     pub(super) argument: Vec<u8>,
-    /// When the caller stops waiting.
-    pub(super) deadline: Time,
     pub(super) reply: RawReply,
 }
 
@@ -279,10 +277,10 @@ impl Inbox {
         self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));
     }
 
-    /// Returns when the wait for an expected item ends, or when refusals are to be reported.
+    /// Returns when the wait for an expected item or of a call ends, or when refusals are to be reported.
     pub(super) fn deadline(&self) -> Option<Time> {
         let waiting = self.lock();
-        [waiting.intake.deadline(), waiting.refusals.deadline()].into_iter().flatten().min()
+        [waiting.intake.deadline(), waiting.refusals.deadline(), waiting.calls.begins_by()].into_iter().flatten().min()
     }
 
     fn pass(&self, act: impl FnOnce(&mut Intake<Sample>, &mut Vec<Passed<Sample>>)) {
@@ -296,7 +294,7 @@ impl Inbox {
     /// Takes a call of another program.
     pub(super) fn called(&self, incoming: IncomingCall, session: &Weak<DataSession>) {
         let (id, deadline) = (incoming.call.id.clone(), incoming.deadline);
-        let admission = self.lock().calls.admit(id, deadline, (incoming, Weak::clone(session)));
+        let admission = self.lock().calls.admit(id, deadline, now(), (incoming, Weak::clone(session)));
         match admission {
             Admission::Admitted => self.wake(),
             Admission::TurnedAway((incoming, _), error) => incoming.way.answer(Err(error)),
@@ -312,10 +310,11 @@ impl Inbox {
         }
     }
 
-    /// Returns the next call whose caller still waits.
-    pub(super) fn next_call(&self) -> Option<ToServe> {
+    /// Returns the next call whose caller still waits. `needs_run` says of its export whether only a running process answers it now.
+    pub(super) fn next_call(&self, needs_run: impl Fn(&str) -> bool) -> Option<ToServe> {
         loop {
-            let (incoming, session) = match self.lock().calls.next(now())? {
+            let next = self.lock().calls.next(now(), |(incoming, _)| needs_run(&incoming.call.name));
+            let (incoming, session) = match next? {
                 Next::Run(call) => call,
                 Next::Expired(_) => continue,
             };
@@ -332,7 +331,7 @@ impl Inbox {
             let caller = call.id.session;
             let is_wanted = move || wanted.load(Ordering::Relaxed) && now() < deadline && is_there(&caller);
             let reply = RawReply::new(move |result| way.answer(result), is_wanted);
-            return Some(ToServe { name: call.name, argument: call.argument.0, deadline, reply });
+            return Some(ToServe { name: call.name, argument: call.argument.0, reply });
         }
     }
 
