@@ -4,7 +4,7 @@ mod eyes;
 mod rest;
 mod track;
 
-use super::SENSED;
+use super::{SENSED, StuckLaser};
 use crate::control::clearance::ROOM_MIN;
 use crate::control::compliant::loop_delay;
 use crate::control::door::{Failure, Opening, Posture, Pull};
@@ -70,6 +70,7 @@ pub(super) struct Outputs {
 pub(super) struct ModelBasedCtrl {
     settings: Settings,
     watch: Watch,
+    stuck: StuckLaser,
     eyes: Eyes,
     track: Track,
     opening: Option<Opening>,
@@ -106,6 +107,7 @@ impl ModelBasedCtrl {
         Self {
             settings,
             watch: Watch::new(settings.goal, settings.expected),
+            stuck: StuckLaser::default(),
             eyes: Eyes::default(),
             track: Track::default(),
             opening: None,
@@ -264,7 +266,7 @@ impl Controller for ModelBasedCtrl {
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         self.spent += tick.elapsed;
-        if let Some(why) = inputs.laser.fresh().and_then(|sweep| self.eyes.problem(&sweep.ranges)) {
+        if let Some(why) = inputs.laser.fresh().and_then(|sweep| self.stuck.problem(&sweep.ranges)) {
             return Progress::Aborted(why);
         }
         let Some(known) = self.known(tick, inputs) else {
@@ -280,7 +282,7 @@ impl Controller for ModelBasedCtrl {
             };
         };
         self.blind = Duration::ZERO;
-        let Place { odometry_from_base, base_from_tool } = known.place;
+        let Place { odometry_from_base, base_from_tool, .. } = known.place;
         let base = odometry_from_base.translation.vector.xy();
         let posture = Posture { odometry_from_tool: odometry_from_base * base_from_tool, base };
         // If the hand stops, a door that still moves runs into it.

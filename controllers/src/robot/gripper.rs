@@ -10,7 +10,7 @@ use super::setup::Machine;
 use crate::control::ramp::towards;
 
 /// The widest the fingers open (m).
-pub const GRIP_MAX: f64 = 0.10;
+pub(super) const GRIP_MAX: f64 = 0.10;
 const FORCE_RISE: f64 = 400.0;
 
 /// The gripper.

@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// The duration of one step.
 pub const STEP: Duration = Duration::from_millis(1);
-/// The largest distance between the fingers (m).
+/// The length of a step (s).
 pub(super) const DT: f64 = 1e-3;
 /// The acceleration of gravity (m/s²).
 const GRAVITY: f64 = 9.81;
@@ -152,7 +152,7 @@ impl Plant {
         casters
     }
 
-    /// Returns the distance between the fingers that the gripper reports (m), and the force with which they press (N).
+    /// Returns the distance between the fingers that the gripper reports (m).
     pub fn width_reported(&self) -> f64 {
         let says = self.setup.sensors.grip_says;
         if says < 0.0 { self.gripper.width() } else { says }

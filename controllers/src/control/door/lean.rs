@@ -1,4 +1,4 @@
-//! How hard the hand leans on the door: the largest pull rises slowly while the door does not move, and after it has come.
+//! How hard the hand leans on the door: the largest pull rises slowly while the door does not move, and after the door has moved.
 //!
 //! A hand that leans as hard as it may on a door that stands still is stalled after a while.
 
@@ -56,8 +56,7 @@ impl Lean {
 
     /// Begins another attempt. The force beside the path is known.
     pub(super) fn restart(&mut self, limits: Attempt) {
-        let beside = std::mem::replace(self, Self::new(limits)).beside;
-        self.beside = beside;
+        *self = Self { beside: self.beside, ..Self::new(limits) };
     }
 
     /// Lets `dt` (s) pass.

@@ -1,4 +1,4 @@
-//! The way of the handle, as far as the door has certainly gone: neither the wheels nor the give of the grasp count for it.
+//! How far the door has certainly moved, without the motion of the wheels and of the grasp.
 
 use super::SPEED;
 use super::attempts::Attempts;
@@ -6,7 +6,7 @@ use crate::control::filter::LowPass;
 use crate::control::steps::Steps;
 use crate::control::swing::Swing;
 
-/// (Hz).
+/// The frequency of the low-pass filter of the pull (Hz).
 const PULL_QUICK: f64 = 6.0;
 /// A grasp gives by no more than the first value and is never taken for stiffer than the second (m/N). A measured
 /// compliance is multiplied by `SOFTER`.

@@ -1,6 +1,6 @@
 //! The sight of the laser during an opening: the leaf against the wall, the hinge, and the room that the robot has.
 
-use super::super::{StuckLaser, distance};
+use super::super::distance;
 use super::track::Track;
 use crate::control::angle::wrapped;
 use crate::control::caster::Pose;
@@ -24,7 +24,6 @@ const HELD_BESIDE: f64 = 0.3;
 #[derive(Debug, Default)]
 pub(super) struct Eyes {
     wall: Wall,
-    stuck: StuckLaser,
     landmark: Landmark,
     memory: Memory,
     /// The pose of the base at the last sweep, in the odometry frame.
@@ -36,11 +35,6 @@ pub(super) struct Eyes {
 }
 
 impl Eyes {
-    /// Returns why the distances of a sweep (m) cannot be true.
-    pub(super) fn problem(&mut self, ranges: &Vec<f64>) -> Option<String> {
-        self.stuck.problem(ranges)
-    }
-
     /// Returns the leaf as it was seen last.
     pub(super) const fn leaf(&self) -> Option<Leaf> {
         self.leaf
@@ -76,9 +70,8 @@ impl Eyes {
         // A wrist that turns about the handle comes near the leaf that it holds; how near, the law limits.
         let others: Vec<_> =
             points.iter().filter(|point| askew.abs() < HELD || !is_held(point, &facing)).copied().collect();
-        let joints = track.joints_at(measured)?;
-        let remembered = clearance(&self.memory.around(&at), &joints).map(|room| room - REMEMBERED);
-        self.room = clearance(&others, &joints).into_iter().chain(remembered).reduce(f64::min);
+        let remembered = clearance(&self.memory.around(&at), &place.joints).map(|room| room - REMEMBERED);
+        self.room = clearance(&others, &place.joints).into_iter().chain(remembered).reduce(f64::min);
         let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &facing)?;
         let distance = leaf.away + leaf.normal.dot(&base_from_tool.translation.vector.xy());
         self.memory.remember(&points, &leaf.normal, distance, &at);

@@ -16,11 +16,13 @@ pub(super) struct Track {
     joints: History<6>,
 }
 
-/// Poses of base and hand at one time.
+/// Poses of base and hand, and the posture of the arm, at one time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub(super) odometry_from_base: Isometry3<f64>,
     pub(super) base_from_tool: Isometry3<f64>,
+    /// The angles of the arm (rad).
+    pub(super) joints: Joints,
 }
 
 impl Track {
@@ -39,13 +41,9 @@ impl Track {
     /// Returns where base and hand were at `time`.
     pub(super) fn at(&self, time: Time) -> Option<Place> {
         let (pose, angles) = (self.poses.at(time)?, self.joints.at(time)?);
-        let base_from_tool = puma560::forward(&angles.into()).base_from_tool;
-        Some(Place { odometry_from_base: planar(&pose), base_from_tool })
-    }
-
-    /// Returns the angles of the arm at `time` (rad).
-    pub(super) fn joints_at(&self, time: Time) -> Option<Joints> {
-        self.joints.at(time).map(Into::into)
+        let joints: Joints = angles.into();
+        let base_from_tool = puma560::forward(&joints).base_from_tool;
+        Some(Place { odometry_from_base: planar(&pose), base_from_tool, joints })
     }
 
     /// Returns how often the odometry has restarted.
