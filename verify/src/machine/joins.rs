@@ -240,12 +240,7 @@ impl Writer<'_> {
         let [is_running, is_done, has_failed] = [RUNS, DONE, ABORTED].map(result);
         let is_place = Test::Not(self.control.operand, 0);
         let spawns = self.todo(node, WEIGH, 1);
-        self.rule(
-            node,
-            START,
-            &[],
-            [vec![self.enter(node, 1)], self.start(first, Term::Of(self.control.value))].concat(),
-        );
+        self.begins(node, first);
         self.rule(node, REPORT, &[runs.clone(), is_running.clone()], self.passes(node));
         self.rule(node, REPORT, &[runs.clone(), is_source, is_done.clone()], spawns.clone());
         for (index, place) in (1..).zip(&join.operands[1..]) {

@@ -132,8 +132,8 @@ impl Writer<'_> {
     /// stopped, and the other one does not run any more.
     fn in_turn(&mut self, node: Node, [p, q]: [&Expression; 2], Turn { after, given, is_loop }: Turn) {
         let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
-        let (nothing, left) = (Term::Number(0), Term::Of(self.control.value));
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(first, left)].concat());
+        let nothing = Term::Number(0);
+        self.begins(node, first);
         let is_first = Test::Is(node.phase, 1);
         let next = [vec![self.enter(node, 2)], self.start(second, given)].concat();
         self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.control.result, after)], next);
@@ -160,12 +160,7 @@ impl Writer<'_> {
         let (held, kept) = (self.own(node, "held", 3), self.own(node, "kept", self.tags.len()));
         let cleared = [self.enter(node, IDLE), (held, Term::Number(0)), (kept, Term::Number(0))];
         let (is_first, is_second) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
-        self.rule(
-            node,
-            START,
-            &[],
-            [vec![self.enter(node, 1)], self.start(first, Term::Of(self.control.value))].concat(),
-        );
+        self.begins(node, first);
         self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.control.result, RUNS)], self.passes(node));
         let outcome =
             vec![self.enter(node, 2), (held, Term::Of(self.control.result)), (kept, Term::Of(self.control.value))];
@@ -211,12 +206,7 @@ impl Writer<'_> {
     fn shield(&mut self, node: Node, timer: Option<String>, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
         let is_asked = Test::Not(node.phase, 1);
-        self.rule(
-            node,
-            START,
-            &[],
-            [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.control.value))].concat(),
-        );
+        self.begins(node, inner);
         self.passes_on(node, &[Test::Is(node.phase, 1)]);
         self.rule(node, REPORT, &[is_asked.clone(), Test::Is(self.control.result, RUNS)], self.passes(node));
         let ends = [vec![self.enter(node, IDLE)], self.reports(node, STOPPED)].concat();
@@ -235,12 +225,7 @@ impl Writer<'_> {
         let (runs, is_stopped) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
         let is_end = Test::Any(until.iter().map(|tag| Test::Is(self.control.value, self.tag(tag))).collect());
         let goes_on = Test::All(vec![Test::Is(self.control.result, DONE), Test::Fails(Box::new(is_end))]);
-        self.rule(
-            node,
-            START,
-            &[],
-            [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.control.value))].concat(),
-        );
+        self.begins(node, inner);
         self.rule(node, REPORT, &[runs.clone(), goes_on.clone()], self.start(inner, Term::Number(0)));
         self.passes_on(node, &[runs.clone(), Test::Fails(Box::new(goes_on))]);
         self.passes_on(node, std::slice::from_ref(&is_stopped));
@@ -259,12 +244,7 @@ impl Writer<'_> {
 
     fn tagged(&mut self, node: Node, tag: &str, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
-        self.rule(
-            node,
-            START,
-            &[],
-            [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.control.value))].concat(),
-        );
+        self.begins(node, inner);
         let named = self.report(node, Term::Number(DONE), Term::Number(self.tag(tag)));
         self.rule(node, REPORT, &[Test::Is(self.control.result, DONE)], [vec![self.enter(node, IDLE)], named].concat());
         self.passes_on(node, &[Test::Not(self.control.result, DONE)]);

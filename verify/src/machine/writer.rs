@@ -91,7 +91,6 @@ pub(super) struct Travels {
 }
 
 /// The variables of the control that all nodes share.
-#[derive(Clone, Copy)]
 pub(super) struct Control {
     /// The node that has something to do, what it does, and the operand that this is about.
     pub(super) at: Var,
@@ -216,6 +215,12 @@ impl Writer<'_> {
     pub(super) fn rule(&mut self, node: Node, todo: u32, tests: &[Test], sets: Sets) {
         let own = [Test::Is(self.control.todo, todo), Test::Is(self.control.at, node.number)];
         self.change(None, own.into_iter().chain(tests.iter().cloned()).collect(), sets);
+    }
+
+    /// Writes how a node begins: it enters phase 1, and starts an operand with its own value.
+    pub(super) fn begins(&mut self, node: Node, operand: Node) {
+        let sets = [vec![self.enter(node, 1)], self.start(operand, Term::Of(self.control.value))].concat();
+        self.rule(node, START, &[], sets);
     }
 
     /// Writes an event, which can happen only while no node has an action to perform.
