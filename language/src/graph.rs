@@ -114,17 +114,17 @@ pub fn graph_states(
 /// # Errors
 /// If the plan is too large or not sound.
 pub fn graph_of_plan(plan: &Plan) -> Result<Graph, NoPicture> {
-    fits(plan.groups.len() + plan.leaves.len(), plan.wires.len())?;
+    fits(plan.live_groups().len() + plan.live_leaves().len(), plan::sets(plan).len())?;
     plan.validate().map_err(NoPicture::Unsound)?;
-    let root = plan::unit(plan).ok_or(NoPicture::Unsound(PlanError::Empty))?;
-    Ok(Graph { root, hosts: plan.hosts.clone() })
+    Ok(Graph { root: plan::unit(plan), hosts: plan.hosts.clone() })
 }
 
-/// Returns the activities of a plan: their groups and paths.
+/// Returns the activities of a plan that were not taken away while it ran: their groups and paths.
 pub fn activities_of_plan(plan: &Plan) -> impl Iterator<Item = (usize, &str)> {
-    let groups = plan.groups.iter().enumerate();
+    let live = plan.live_groups();
+    let groups = (0_u32..).zip(&plan.groups).filter(move |(number, _)| live.contains(number));
     groups.filter_map(|(number, group)| {
-        matches!(group.expression, Expression::Chart(_)).then_some((number, group.path.as_str()))
+        matches!(group.expression, Expression::Chart(_)).then_some((number as usize, group.path.as_str()))
     })
 }
 

@@ -536,4 +536,10 @@ impl Expression {
             .chain(self.operands().into_iter().flat_map(Self::tags))
             .collect()
     }
+
+    /// Returns the slots of the members that it runs, each as often as it occurs, in the order of the text.
+    pub fn members(&self) -> Vec<u32> {
+        let own = if let Self::Run { member, .. } = self { Some(*member) } else { None };
+        own.into_iter().chain(self.operands().into_iter().flat_map(Self::members)).collect()
+    }
 }

@@ -379,13 +379,7 @@ fn configurations(expression: &Expression) -> u64 {
 
 /// Returns the members that an expression runs, each as often as it occurs.
 pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
-    let mut all = Vec::new();
-    walk(expression, &mut |expression| {
-        if let Expression::Run { member, .. } = expression {
-            all.push(*member);
-        }
-    });
-    all
+    expression.members()
 }
 
 /// Returns the nodes of an expression that run a member, each with this member.

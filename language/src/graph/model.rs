@@ -5,7 +5,7 @@ use crate::plan::{Plan, Transfer};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A process: a group with everything inside, or a leaf.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Unit {
     pub(super) name: String,
     /// The absolute path of a process that runs, or the name of a state of one: a page colours its box by this.
@@ -30,6 +30,15 @@ pub(super) struct Port {
     pub(super) direction: Direction,
     /// Whether something is connected to it.
     pub(super) is_used: bool,
+}
+
+/// Returns the port with this name and direction; a new one, if there is none.
+pub(super) fn port(ports: &mut Vec<Port>, name: &str, direction: Direction) -> usize {
+    let known = ports.iter().position(|port| port.name == name && port.direction == direction);
+    known.unwrap_or_else(|| {
+        ports.push(Port { name: name.to_owned(), direction, is_used: true });
+        ports.len() - 1
+    })
 }
 
 /// An arrow inside a group.
@@ -99,16 +108,14 @@ fn group(known: &Known<'_>, index: usize, name: &str, path: &str) -> Unit {
         messages.map(|port| Port { name: port.name.text.clone(), direction: port.direction, is_used: false });
     let mut unit = Unit {
         name: name.to_owned(),
-        key: None,
         kind: process.name.text.clone(),
         doc: process.doc.clone(),
         host: known.hosts.get(path).copied().unwrap_or(0),
         is_service: process.is_service,
         is_group: true,
         ports: ports.chain(messages).collect(),
-        resources: Vec::new(),
         units: units.collect(),
-        links: Vec::new(),
+        ..Unit::default()
     };
     connect(&mut unit, process);
     if let Some(actions) = &process.actions {
@@ -143,16 +150,12 @@ fn leaf(known: &Known<'_>, process: &Process, slot: usize, path: &str) -> Unit {
     }
     Unit {
         name: instance.name.text.clone(),
-        key: None,
         kind: instance.kind.as_ref().map(|kind| kind.text.clone()).unwrap_or_default(),
         doc: module.map(|module| module.doc.clone()).unwrap_or_default(),
         host: known.hosts.get(path).copied().unwrap_or(0),
         is_service: module.is_some_and(|module| module.is_service),
-        is_group: false,
         ports,
-        resources: Vec::new(),
-        units: Vec::new(),
-        links: Vec::new(),
+        ..Unit::default()
     }
 }
 
@@ -202,13 +205,11 @@ fn connect(unit: &mut Unit, process: &Process) {
         for connection in &set.connections {
             let (Some(from), Some(to)) = (end(unit, &connection.from), end(unit, &connection.to)) else { continue };
             links.push(Link {
-                from,
-                to,
                 set: Some(index),
                 label: set.label.as_ref().map(|label| label.text.clone()).unwrap_or_default(),
                 is_pull: connection.transfer == Transfer::Pull,
                 is_cut: set.owner.is_some() && !open.contains(&index),
-                wires: Vec::new(),
+                ..Link::plain(from, to)
             });
         }
     }
@@ -232,16 +233,10 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
         let slot = known.unwrap_or_else(|| {
             unit.units.push(Unit {
                 name: name.to_owned(),
-                key: None,
                 kind: if topic.way.is_service() { "service" } else { "topic" }.to_owned(),
-                doc: String::new(),
                 host: unit.host,
                 is_service: true,
-                is_group: false,
-                ports: Vec::new(),
-                resources: Vec::new(),
-                units: Vec::new(),
-                links: Vec::new(),
+                ..Unit::default()
             });
             unit.units.len() - 1
         });

@@ -2,39 +2,44 @@
 //!
 //! A plan has wires between leaves. A wire that crosses the border of a group gets a port there.
 
-use super::model::{End, Link, Port, Unit};
+use super::model::{End, Link, Unit, port};
 use crate::check::spec::Direction;
 use crate::plan::{Expression, Group, LeafPort, MemberKind, Plan, Transfer, Wire};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Returns the unit of `main` with everything below it.
-pub(super) fn unit(plan: &Plan) -> Option<Unit> {
-    let mut root = group(plan, 0, &mut vec![false; plan.groups.len()])?;
-    let mut sets: BTreeMap<u32, Set> = BTreeMap::new();
-    for group in &plan.groups {
-        let open = opened(group);
-        for (number, set) in (0_u32..).zip(&group.sets) {
-            let is_cut = set.owner.is_some() && !open.contains(&number);
-            let new = Set { number: sets.len(), label: set.label.clone().unwrap_or_default(), is_cut };
-            for wire in &set.wires {
-                sets.entry(*wire).or_insert_with(|| new.clone());
-            }
-        }
-    }
-    for (number, wire) in (0_u32..).zip(&plan.wires) {
+/// Returns the unit of `main` with everything below it. The caller has validated the plan.
+pub(super) fn unit(plan: &Plan) -> Unit {
+    let mut root = group(plan, 0);
+    for (number, set) in sets(plan) {
+        let wire = &plan.wires[number as usize];
         if let (Some(from), Some(to)) = (place(plan, &wire.from), place(plan, &wire.to)) {
-            let set = sets.get(&number).cloned().unwrap_or_default();
             connect(&mut root, &from, &to, &Crossing { wire, number, set });
         }
     }
-    Some(root)
+    root
+}
+
+/// Returns the connection set of each wire, by the number of the wire. A wire that was taken away from a running plan has none.
+pub(super) fn sets(plan: &Plan) -> BTreeMap<u32, Set<'_>> {
+    let (live, mut sets) = (plan.live_groups(), BTreeMap::new());
+    for (_, group) in (0_u32..).zip(&plan.groups).filter(|(number, _)| live.contains(number)) {
+        let open = opened(group);
+        for (number, set) in (0_u32..).zip(&group.sets) {
+            let is_cut = set.owner.is_some() && !open.contains(&number);
+            let new = Set { number: sets.len(), label: set.label.as_deref().unwrap_or_default(), is_cut };
+            for wire in &set.wires {
+                sets.entry(*wire).or_insert(new);
+            }
+        }
+    }
+    sets
 }
 
 /// The connection set of a wire.
-#[derive(Clone, Debug, Default)]
-struct Set {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Set<'a> {
     number: usize,
-    label: String,
+    label: &'a str,
     /// Whether no event action ever opens it.
     is_cut: bool,
 }
@@ -55,30 +60,26 @@ fn opened(group: &Group) -> BTreeSet<u32> {
 struct Crossing<'a> {
     wire: &'a Wire,
     number: u32,
-    set: Set,
+    set: Set<'a>,
 }
 
-fn group(plan: &Plan, number: usize, seen: &mut [bool]) -> Option<Unit> {
-    // A plan of a stranger may go in circles.
-    let is_new = seen.get_mut(number).is_some_and(|seen| !std::mem::replace(seen, true));
-    let group = plan.groups.get(number).filter(|_| is_new)?;
-    let mut unit = empty(&group.path, &group.process, group.host);
-    unit.is_group = true;
+fn group(plan: &Plan, number: u32) -> Unit {
+    let group = &plan.groups[number as usize];
+    let mut unit = Unit { is_group: true, ..empty(&group.path, &group.process, group.host) };
     let mut slots = BTreeMap::new();
     for (slot, member) in (0_u32..).zip(&group.members).filter(|(_, member)| !member.name.is_empty()) {
         let inner = match member.kind {
-            MemberKind::Group(inner) => self::group(plan, inner as usize, seen),
+            MemberKind::Group(inner) => self::group(plan, inner),
             MemberKind::Leaf(leaf) => {
-                plan.leaves.get(leaf as usize).map(|leaf| empty(&leaf.path, &leaf.module, leaf.host))
+                let leaf = &plan.leaves[leaf as usize];
+                empty(&leaf.path, &leaf.module, leaf.host)
             }
         };
-        if let Some(inner) = inner {
-            slots.insert(slot, unit.units.len());
-            unit.units.push(Unit { is_service: member.service, ..inner });
-        }
+        slots.insert(slot, unit.units.len());
+        unit.units.push(Unit { is_service: member.service, ..inner });
     }
     take(&mut unit, &slots, group);
-    Some(unit)
+    unit
 }
 
 fn empty(path: &str, kind: &str, host: u32) -> Unit {
@@ -86,14 +87,8 @@ fn empty(path: &str, kind: &str, host: u32) -> Unit {
         name: path.rsplit('/').next().unwrap_or(path).to_owned(),
         key: Some(path.to_owned()),
         kind: kind.to_owned(),
-        doc: String::new(),
         host: host as usize,
-        is_service: false,
-        is_group: false,
-        ports: Vec::new(),
-        resources: Vec::new(),
-        units: Vec::new(),
-        links: Vec::new(),
+        ..Unit::default()
     }
 }
 
@@ -118,7 +113,7 @@ fn take(unit: &mut Unit, slots: &BTreeMap<u32, usize>, group: &Group) {
 
 /// Returns the names from a member of `main` down to the leaf of a port.
 fn place<'a>(plan: &'a Plan, end: &LeafPort) -> Option<Vec<&'a str>> {
-    let path = plan.leaves.get(end.leaf as usize)?.path.strip_prefix("main/")?;
+    let path = plan.leaves[end.leaf as usize].path.strip_prefix("main/")?;
     Some(path.split('/').collect())
 }
 
@@ -136,7 +131,7 @@ fn connect(unit: &mut Unit, from: &[&str], to: &[&str], crossing: &Crossing<'_>)
     if let (Some(from), Some(to)) = (from, to) {
         let (from, to) = (End { unit: Some(out), port: from }, End { unit: Some(into), port: to });
         let is_pull = wire.transfer == Transfer::Pull;
-        let (label, is_cut) = (set.label.clone(), set.is_cut);
+        let (label, is_cut) = (set.label.to_owned(), set.is_cut);
         let link = Link { set: Some(set.number), label, is_pull, is_cut, ..Link::plain(from, to) };
         draw(unit, link, *number);
     }
@@ -151,7 +146,7 @@ struct WireEnd {
 
 /// Returns the port on the border of a unit that leads to a port of the leaf below it.
 fn border(unit: &mut Unit, rest: &[&str], end: &WireEnd) -> Option<usize> {
-    let Some((next, rest)) = rest.split_first() else { return Some(port(unit, &end.port, end.direction)) };
+    let Some((next, rest)) = rest.split_first() else { return Some(port(&mut unit.ports, &end.port, end.direction)) };
     let slot = member(unit, next)?;
     let inner = End { unit: Some(slot), port: border(&mut unit.units[slot], rest, end)? };
     let is_in = end.direction == Direction::In;
@@ -163,21 +158,12 @@ fn border(unit: &mut Unit, rest: &[&str], end: &WireEnd) -> Option<usize> {
         // Two inner ports of one name get two ports on the border.
         let is_taken = unit.ports.iter().any(|port| port.name == end.port && port.direction == end.direction);
         let name = if is_taken { format!("{next}.{}", end.port) } else { end.port.clone() };
-        port(unit, &name, end.direction)
+        port(&mut unit.ports, &name, end.direction)
     });
     let border = End { unit: None, port: number };
     let (from, to) = if is_in { (border, inner) } else { (inner, border) };
     draw(unit, Link::plain(from, to), end.wire);
     Some(number)
-}
-
-/// Returns the port of a unit with this name; a new one, if it has none.
-fn port(unit: &mut Unit, name: &str, direction: Direction) -> usize {
-    let known = unit.ports.iter().position(|port| port.name == name && port.direction == direction);
-    known.unwrap_or_else(|| {
-        unit.ports.push(Port { name: name.to_owned(), direction, is_used: true });
-        unit.ports.len() - 1
-    })
 }
 
 fn member(unit: &Unit, name: &str) -> Option<usize> {
@@ -197,7 +183,8 @@ fn draw(unit: &mut Unit, link: Link, wire: u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Options, Source, compile};
+    use crate::plan::{PlanError, difference};
+    use crate::{NoPicture, Options, Source, activities_of_plan, compile, graph_of_activity, graph_of_plan};
 
     const SPEC: &str = "
         module Arm(host) { exec \"arm\"; in Set: Pose; out Now: Pose; }
@@ -216,8 +203,8 @@ mod tests {
             internal_event_actions { left, using(table) right }
         }";
 
-    fn plan() -> Plan {
-        let compiled = compile(&Source::new("a.dca", SPEC), &[], &Options::named("a"));
+    fn plan(text: &str) -> Plan {
+        let compiled = compile(&Source::new("a.dca", text), &[], &Options::named("a"));
         compiled.plan.unwrap_or_else(|| panic!("{:?}", compiled.diagnostics))
     }
 
@@ -235,8 +222,8 @@ mod tests {
 
     #[test]
     fn a_wire_gets_a_port_on_each_border_that_it_crosses() {
-        let plan = plan();
-        let root = unit(&plan).expect("there is a main");
+        let plan = plan(SPEC);
+        let root = unit(&plan);
         let number = |ends: &str| plan.wires.iter().position(|wire| plan.ends(wire) == ends).expect(ends);
         let ends = [
             "main/left/a, Now -> main/left/b, Set",
@@ -258,14 +245,47 @@ mod tests {
         assert_eq!(root.units[1].resources, ["table"]);
     }
 
+    /// A process that is added again under its old name gets other numbers, and the old ones stay in the plan.
     #[test]
-    fn a_plan_of_a_stranger_is_drawn_as_far_as_it_makes_sense() {
-        let mut circle = plan();
-        circle.groups[0].members[0].kind = MemberKind::Group(0);
-        circle.wires[0].from.leaf = 99;
-        assert!(unit(&circle).is_some());
-        let mut empty = plan();
-        (empty.groups, empty.leaves, empty.wires) = (Vec::new(), Vec::new(), Vec::new());
-        assert!(unit(&empty).is_none());
+    fn a_process_that_was_taken_away_has_no_arrows_and_no_states() {
+        let activity = "
+            activity Patrol(here: Host) {
+                host { here }
+                look instof Arm(here);
+                initial state looking { run look; on done -> resting; }
+                state resting { on after 1 s -> looking; }
+            }";
+        let text = SPEC.replace("left instof", "patrol instof Patrol(c1); left instof");
+        let text = text.replace("{ left, using", "{ patrol, left, using") + activity;
+        let without = text.replace("patrol instof Patrol(c1); left instof Inner(c1);", "");
+        let without = without.replace("internal_connections { right, Now -> left, Set; left, Now -> right, Set; }", "");
+        let running = plan(&text);
+        let smaller = difference(&running, &plan(&without.replace("{ patrol, left, using", "{ using"))).unwrap().plan;
+        assert_eq!((links(&unit(&smaller)), activities_of_plan(&smaller).count()), (Vec::new(), 0));
+        let whole = difference(&smaller, &running).unwrap().plan;
+        assert_eq!((whole.groups.len(), whole.wires.len()), (running.groups.len() + 2, running.wires.len() + 3));
+        let root = unit(&whole);
+        let left = root.units.iter().find(|unit| unit.name == "left").expect("it is back");
+        let all = [links(&root), links(left)].concat();
+        assert!(all.len() == 5 && all.iter().all(|link| link.matches(',').count() == 0), "{all:?}");
+        let activities: Vec<_> = activities_of_plan(&whole).collect();
+        let &[(number, "main/patrol")] = activities.as_slice() else { panic!("{activities:?}") };
+        assert!(whole.live_groups().contains(&u32::try_from(number).unwrap()));
+        assert!(graph_of_activity(&whole, number).is_ok_and(|graph| graph.is_some()));
+    }
+
+    #[test]
+    fn a_plan_of_a_stranger_that_is_not_sound_has_no_picture() {
+        let check = |damage: fn(&mut Plan)| {
+            let mut plan = plan(SPEC);
+            damage(&mut plan);
+            graph_of_plan(&plan).expect_err("it is not sound")
+        };
+        let circle = check(|plan| plan.groups[0].members[0].kind = MemberKind::Group(0));
+        assert!(matches!(circle, NoPicture::Unsound(PlanError::Membership { .. })), "{circle}");
+        let astray = check(|plan| plan.wires[0].from.leaf = 99);
+        assert!(matches!(astray, NoPicture::Unsound(PlanError::Index { .. })), "{astray}");
+        let empty = check(|plan| (plan.groups, plan.leaves, plan.wires) = (Vec::new(), Vec::new(), Vec::new()));
+        assert_eq!(empty, NoPicture::Unsound(PlanError::Empty));
     }
 }

@@ -3,7 +3,7 @@
 //! Transitions arrive at a port on the left of a state. On its right it has a port for each of its transitions. An arrow between
 //! states of different depth passes through ports of the states around them.
 
-use super::model::{End, Link, Port, Unit};
+use super::model::{self, End, Link, Port, Unit};
 use super::words;
 use crate::automaton::{Chart, History, StateKind, Target};
 use crate::check::spec::{ChartModel, Direction};
@@ -98,12 +98,7 @@ impl Drawing<'_> {
 
     /// The port of a state with this name.
     fn port(&mut self, state: usize, name: &str, direction: Direction) -> usize {
-        let ports = &mut self.boxes[state].ports;
-        let known = ports.iter().position(|port| port.name == name && port.direction == direction);
-        known.unwrap_or_else(|| {
-            ports.push(Port { name: name.to_owned(), direction, is_used: true });
-            ports.len() - 1
-        })
+        model::port(&mut self.boxes[state].ports, name, direction)
     }
 
     /// A transition without an arrow.
@@ -189,14 +184,12 @@ impl Drawing<'_> {
             name: declared.name.clone(),
             key: texts.is_live.then(|| declared.name.clone()),
             kind: parts.join(", "),
-            doc: String::new(),
             host: texts.host,
-            is_service: false,
             is_group: !children.is_empty(),
             ports: self.boxes[state].ports.clone(),
-            resources: Vec::new(),
             units: children.into_iter().map(|child| self.unit(texts, child)).collect(),
             links: self.boxes[state].links.clone(),
+            ..Unit::default()
         }
     }
 }

@@ -259,7 +259,7 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, x: i32, y: i32, hosts: &
     }
     for (link, points) in unit.links.iter().zip(&placed.lines).filter(|(link, _)| is_live && link.set.is_some()) {
         let start = points.first().copied().unwrap_or_default();
-        loss(out, link, Corner { x: x + start.0, y: y + start.1, is_live });
+        loss(out, link, x + start.0, y + start.1);
     }
     if let Some(plate) = plate(unit) {
         draw_plate(out, &plate, x + width / 2, y + height, &class(is_live, "plate"));
@@ -350,7 +350,7 @@ fn arrow(out: &mut String, link: &Link, points: &[(i32, i32)], Corner { x, y, is
 
 /// Writes an empty text for the values that an arrow loses. It stands below the begin of the arrow, opposite its label, and above
 /// the boxes.
-fn loss(out: &mut String, link: &Link, Corner { x, y, .. }: Corner) {
+fn loss(out: &mut String, link: &Link, x: i32, y: i32) {
     let place = format!("x=\"{}\" y=\"{}\" font-size=\"10\"", x + 8, y + 11);
     line(out, format_args!("<text class=\"loss\" data-wires=\"{}\" {place}></text>", numbers(&link.wires)));
 }

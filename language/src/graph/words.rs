@@ -11,24 +11,21 @@ const DEPTH_MAX: usize = 16;
 /// Stands for the rest of a text.
 const MORE: &str = "…";
 
-/// Returns the trigger and the condition of a transition, as a spec writes them.
+/// Returns the trigger and the condition of a transition, as a spec writes them. The caller has validated the plan.
 pub(super) fn transition(chart: &StateChart, transition: &Transition) -> String {
     let trigger = trigger(chart, &transition.trigger);
     let guard = transition.guard.as_ref().map(|guard| format!(" when {}", formula(chart, guard, 0)));
     short(&(trigger + &guard.unwrap_or_default()))
 }
 
-/// Returns the names of the members that an expression runs.
+/// Returns the names of the members that an expression runs. The caller has validated the plan.
 pub(super) fn members(expression: &Expression, group: &Group) -> String {
-    let (mut names, mut waiting): (Vec<&str>, _) = (Vec::new(), vec![expression]);
-    while let Some(part) = waiting.pop() {
-        if let Expression::Run { member, .. } = part
-            && let Some(member) = group.members.get(*member as usize)
-            && !names.contains(&member.name.as_str())
-        {
-            names.push(&member.name);
+    let mut names: Vec<&str> = Vec::new();
+    for slot in expression.members() {
+        let name = group.members[slot as usize].name.as_str();
+        if !names.contains(&name) {
+            names.push(name);
         }
-        waiting.extend(part.operands().into_iter().rev());
     }
     short(&names.join(", "))
 }
@@ -37,14 +34,12 @@ fn trigger(chart: &StateChart, trigger: &Trigger) -> String {
     match trigger {
         Trigger::Always => "always".to_owned(),
         Trigger::Message { port, filter } => {
-            let port = chart.inputs.get(*port).map_or(MORE, String::as_str);
-            let filter = filter.and_then(|filter| chart.filters.get(filter));
-            let filter = filter.map(|filter| format!(" where {}", condition(filter, 0)));
-            format!("message {port}{}", filter.unwrap_or_default())
+            let filter = filter.map(|filter| format!(" where {}", condition(&chart.filters[filter], 0)));
+            format!("message {}{}", chart.inputs[*port], filter.unwrap_or_default())
         }
         Trigger::Any => "any".to_owned(),
-        Trigger::Signal(signal) => format!("signal {}", chart.signals.get(*signal).map_or(MORE, String::as_str)),
-        Trigger::Notice(notice) => chart.notices.get(*notice).map_or_else(|| MORE.to_owned(), ToString::to_string),
+        Trigger::Signal(signal) => format!("signal {}", chart.signals[*signal]),
+        Trigger::Notice(notice) => chart.notices[*notice].to_string(),
         Trigger::Done(tag) => with("done", tag.as_deref()),
         Trigger::Aborted(failure) => with("aborted", failure.as_ref().map(ToString::to_string).as_deref()),
         Trigger::Complete => "complete".to_owned(),
@@ -98,12 +93,8 @@ fn formula(chart: &StateChart, of: &Formula, depth: usize) -> String {
     let joined = |a: &Formula, word: &str, b: &Formula| grouped(format!("{} {word} {}", inner(a), inner(b)), depth);
     match of {
         Formula::Number(number) => number.to_string(),
-        Formula::Variable(variable) => {
-            chart.chart.variables.get(*variable).map_or_else(|| MORE.to_owned(), |variable| variable.name.clone())
-        }
-        Formula::In(state) => {
-            format!("in {}", chart.chart.states.get(*state).map_or(MORE, |state| state.name.as_str()))
-        }
+        Formula::Variable(variable) => chart.chart.variables[*variable].name.clone(),
+        Formula::In(state) => format!("in {}", chart.chart.states[*state].name),
         Formula::Not(of) => match &**of {
             Formula::Compare(relation, a, b) => compared(chart, depth, sign(*relation, true), [a, b]),
             Formula::Number(_)
@@ -129,7 +120,7 @@ fn formula(chart: &StateChart, of: &Formula, depth: usize) -> String {
 fn compared(chart: &StateChart, depth: usize, sign: &str, sides: [&Formula; 2]) -> String {
     let name = |of: &Formula, other: &Formula| {
         let (Formula::Number(number), Formula::Variable(variable)) = (of, other) else { return None };
-        let variable = chart.chart.variables.get(*variable)?;
+        let variable = &chart.chart.variables[*variable];
         let place = usize::try_from(number.checked_sub(i64::from(variable.min))?).ok()?;
         variable.names.get(place).cloned()
     };

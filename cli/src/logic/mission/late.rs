@@ -22,7 +22,7 @@ impl Late {
         let mut deadlines = BTreeMap::new();
         for group in &plan.groups {
             find(&group.expression, &mut |why, of| {
-                let of = members(of).into_iter().filter_map(|slot| member_path(plan, group, slot)).collect();
+                let of = of.members().into_iter().filter_map(|slot| member_path(plan, group, slot)).collect();
                 deadlines.insert((group.path.clone(), why.to_owned()), of);
             });
         }
@@ -91,12 +91,4 @@ fn find(expression: &Expression, found: &mut dyn FnMut(&str, &Expression)) {
         found(why, of);
     }
     expression.operands().into_iter().for_each(|operand| find(operand, found));
-}
-
-/// Returns the slots of the members of an expression.
-fn members(expression: &Expression) -> Vec<u32> {
-    if let Expression::Run { member, .. } = expression {
-        return vec![*member];
-    }
-    expression.operands().into_iter().flat_map(members).collect()
 }
