@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// How many questions, and states of an activity, are kept with a process.
-const DETAILS_MAX: usize = 32;
+pub(crate) const DETAILS_MAX: usize = 32;
 /// The most groups and leaves of a plan that is kept for pictures.
 const PLAN_MAX: usize = 2000;
 /// The state of a process that no node has reported.

@@ -1,15 +1,14 @@
 //! The changes of processes over time, for pictures. The oldest ones leave.
 
+use crate::deployment::DETAILS_MAX;
 use crate::identity::MissionId;
 use crate::ring::Ring;
-use crate::text::{clean, is_name};
+use crate::text::clean;
 use comms::logic::time::Time;
 use node::logic::protocol::{Change, Ending, Failure, FailureCause};
 
 /// The most changes, of all deployments together.
 const CHANGES_MAX: usize = 8000;
-/// How many states of an activity are kept with a change.
-const STATES_MAX: usize = 32;
 
 /// A change of a process.
 #[derive(Clone, Debug)]
@@ -36,13 +35,12 @@ impl History {
         Self { changes: Ring::new(CHANGES_MAX), left: Time::ZERO }
     }
 
-    /// Adds a change.
+    /// Adds a change of a process, whose path is a name.
     pub(crate) fn push(&mut self, number: u64, mission: &MissionId, path: &str, change: &Change, at: Time) {
-        let Some(change) = short(change).filter(|_| is_name(path)) else { return };
-        if self.changes.iter().len() == CHANGES_MAX {
-            self.left = self.changes.iter().next().map_or(self.left, |oldest| self.left.max(oldest.at));
-        }
-        self.changes.push(number, PastChange { mission: mission.clone(), path: path.to_owned(), at, change });
+        let Some(change) = short(change) else { return };
+        let new = PastChange { mission: mission.clone(), path: path.to_owned(), at, change };
+        let gone = self.changes.push(number, new);
+        self.left = gone.map_or(self.left, |oldest| self.left.max(oldest.at));
     }
 
     /// Returns the changes of a deployment in the order in which they were told.
@@ -78,7 +76,7 @@ fn short(change: &Change) -> Option<Change> {
         Change::Renewing { with } => Change::Renewing { with: clean(with) },
         Change::Says { text, is_routine } => Change::Says { text: clean(text), is_routine: *is_routine },
         Change::Entered { states } => {
-            Change::Entered { states: states.iter().take(STATES_MAX).map(|state| clean(state)).collect() }
+            Change::Entered { states: states.iter().take(DETAILS_MAX).map(|state| clean(state)).collect() }
         }
         Change::Switched(_) => return None,
         Change::Activated

@@ -399,8 +399,7 @@ impl Model {
 
     fn event(&mut self, now: Time, home: RobotId, event: Event) {
         let Event { deployment, host, ago, report, time, .. } = event;
-        let ago = u64::try_from(ago.as_nanos()).unwrap_or(u64::MAX);
-        let at = Time::from_nanos(now.nanos().saturating_sub(ago));
+        let at = now.before(ago);
         if [&deployment.name, &host, &home.host].into_iter().any(|name| !is_name(name)) {
             self.omitted.names += 1;
             return;
@@ -408,8 +407,9 @@ impl Model {
         let id = MissionId { deployment, home: home.host, fleet: home.fleet };
         let is_failure = is_failure(&report);
         let (path, text) = if let Report::Process { path, change, .. } = &report {
-            self.process_event(&id, path, change, at);
-            (Some(path.clone()).filter(|path| is_name(path)), clean(&change_text(change)))
+            let path = Some(path).filter(|path| is_name(path));
+            path.into_iter().for_each(|path| self.process_event(&id, path, change, at));
+            (path.cloned(), clean(&change_text(change)))
         } else {
             self.deployment_event(now, &id, &report, at);
             (None, clean(&report_text(&report)))
@@ -424,8 +424,7 @@ impl Model {
 
     fn process_event(&mut self, id: &MissionId, path: &str, change: &Change, at: Time) {
         self.history.push(self.position.number, id, path, change, at);
-        if is_name(path)
-            && let Some(moments) = self.moments(id)
+        if let Some(moments) = self.moments(id)
             && (moments.processes.len() < PROCESSES_MAX || moments.processes.contains_key(path))
         {
             note_moment(moments, path, change, at);

@@ -25,12 +25,14 @@ impl<T> Ring<T> {
         Self { items: VecDeque::new(), limit, count: 0, dropped_last: 0 }
     }
 
-    pub(crate) fn push(&mut self, number: u64, item: T) {
-        while self.items.len() >= self.limit.max(1) {
-            self.dropped_last = self.items.pop_front().map_or(self.dropped_last, |oldest| oldest.number);
-        }
+    /// Adds an item; returns the oldest one if it leaves for it.
+    pub(crate) fn push(&mut self, number: u64, item: T) -> Option<T> {
+        let is_full = self.items.len() >= self.limit.max(1);
+        let left = if is_full { self.items.pop_front() } else { None };
+        self.dropped_last = left.as_ref().map_or(self.dropped_last, |oldest| oldest.number);
         self.items.push_back(Numbered { number, item });
         self.count += 1;
+        left.map(|oldest| oldest.item)
     }
 
     /// Takes out the items that are not wanted any more.
@@ -67,7 +69,8 @@ mod tests {
     #[test]
     fn the_oldest_leaves_and_is_counted() {
         let mut ring = Ring::new(3);
-        (1..=5).for_each(|number| ring.push(number, number * 10));
+        let left: Vec<u64> = (1..=5).filter_map(|number| ring.push(number, number * 10)).collect();
+        assert_eq!(left, [10, 20]);
         assert_eq!(ring.iter().copied().collect::<Vec<_>>(), [30, 40, 50]);
         assert_eq!(ring.since(3).copied().collect::<Vec<_>>(), [40, 50]);
         assert_eq!((ring.count(), ring.has_gap_since(1), ring.has_gap_since(2)), (5, true, false));

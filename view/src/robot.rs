@@ -118,7 +118,7 @@ impl Robot {
 
     /// Takes a status in; returns whether anything but its age is new.
     pub(crate) fn take(&mut self, now: Time, status: &NodeStatus) -> bool {
-        let began = Time::from_nanos(now.nanos().saturating_sub(nanos(status.up)));
+        let began = now.before(status.up);
         // The clock of another host and the way here make it differ each time.
         let is_same_node = self.heard.is_some() && self.pid == status.pid && began.since(self.began).as_secs() < 5;
         let guards = [status.network.to_string(), status.policy.as_ref().map(ToString::to_string).unwrap_or_default()];
@@ -157,8 +157,4 @@ impl Robot {
         self.database = Some(lag);
         is_new
     }
-}
-
-fn nanos(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -257,10 +257,9 @@ pub(crate) fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
         return vec![Sample { path, arrived: now, signals }];
     }
     let Ok(Peaks { stamp, values }) = codec::decode(bytes) else { return Vec::new() };
-    let before = |time: Time, age| Time::from_nanos(time.nanos().saturating_sub((Time::ZERO + age).nanos()));
     let sample = |Peak { signal, age }| {
-        let signals = Signals { stamp: before(stamp, age), values: vec![signal] };
-        Sample { path: path.clone(), arrived: before(now, age), signals }
+        let signals = Signals { stamp: stamp.before(age), values: vec![signal] };
+        Sample { path: path.clone(), arrived: now.before(age), signals }
     };
     values.into_iter().map(sample).collect()
 }
