@@ -1,5 +1,6 @@
 //! The page of a live view: its files, and the changes of the model as JSON for its scripts.
 
+mod asked;
 mod picture;
 mod timeline;
 
@@ -10,8 +11,9 @@ use view::{
     STALE_AFTER, Wire,
 };
 
-pub(crate) use picture::{AskedPicture, picture};
-pub(crate) use timeline::{AskedTimeline, timeline};
+pub(crate) use asked::Asked;
+pub(crate) use picture::picture;
+pub(crate) use timeline::{Past, timeline};
 
 /// The page. The script takes the token of its session from it.
 const PAGE: &str = include_str!("live_page/page.html");

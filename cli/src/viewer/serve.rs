@@ -1,7 +1,7 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
 use crate::logic::http::{self, Door, Entry, Head, Status};
-use crate::logic::live_page::{self, AskedPicture, AskedTimeline, ICON, MISSIONS, SCRIPT};
+use crate::logic::live_page::{self, Asked, ICON, MISSIONS, Past, SCRIPT};
 use comms::io::clock;
 use rustix::net::{RecvFlags, recv};
 use serde_json::{Value, json};
@@ -152,17 +152,16 @@ async fn answer(
 
 /// Returns a picture or a timeline. None if the query cannot be read.
 async fn drawn(shared: &Shared, head: &Head) -> Option<String> {
+    let asked: Asked = head.query.parse().ok()?;
     // Drawing takes a while, so it is done without the model, and beside the connections.
     let drawing = if head.path == "/picture" {
-        let asked: AskedPicture = head.query.parse().ok()?;
-        let plan = asked.plan(&shared.model());
-        tokio::task::spawn_blocking(move || live_page::picture(asked, plan.as_deref()))
+        let plan = asked.find(&shared.model()).map(|(_, plan)| plan);
+        tokio::task::spawn_blocking(move || live_page::picture(asked, plan.as_deref()).to_string())
     } else {
-        let asked: AskedTimeline = head.query.parse().ok()?;
-        let past = asked.past(&shared.model(), clock::now());
-        tokio::task::spawn_blocking(move || live_page::timeline(past.as_ref()))
+        let past = Past::new(asked, &shared.model(), clock::now());
+        tokio::task::spawn_blocking(move || live_page::timeline(past.as_ref()).to_string())
     };
-    Some(drawing.await.ok()?.to_string())
+    drawing.await.ok()
 }
 
 /// Returns whether the browser has closed its connection. The kernel is asked: the runtime may not have heard of the end yet.

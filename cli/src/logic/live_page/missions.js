@@ -3,8 +3,6 @@
 // come from the view itself, as SVG whose texts are escaped.
 const byId = (id) => document.getElementById(id);
 const model = { robots: new Map(), deployments: new Map(), processes: new Map(), wires: new Map(), events: [], questions: [] };
-// The missions that have changed since their timelines were drawn.
-const changed = new Set();
 const INDENT = 16;
 // Each mark has a sign, so that no state is told by colour alone.
 const SIGNS = { running: "▶", idle: "○", changing: "↻", done: "✓", stopped: "■", failed: "✕", lost: "?" };
@@ -55,11 +53,13 @@ class Drawing {
     this.root.append(this.summary, this.box, this.note);
     this.shown = null;
     this.data = null;
+    this.loaded = 0;
+    this.of = null;
     this.notBefore = 0;
   }
 
-  // Fetches what stands at an address, unless it is shown already.
-  async load(address, isFresh) {
+  // Fetches what stands at an address, unless it is shown already. `live` is the mission as it is now.
+  async load(address, isFresh, live) {
     if (!this.root.open || isFetching || now() < this.notBefore || (this.shown === address && !isFresh)) return;
     isFetching = true;
     try {
@@ -68,6 +68,8 @@ class Drawing {
       this.data = await answer.json();
       this.shown = address;
       this.put();
+      this.loaded = now();
+      this.of = live;
     } catch (error) {
       this.notBefore = now() + AGAIN_AFTER;
       this.note.textContent = `no picture: ${error.message}`;
@@ -160,7 +162,6 @@ class Card {
     const choice = element("label", "", "Show ");
     choice.append(this.window);
     this.timeline.summary.after(choice);
-    this.loaded = 0;
     this.table = element("table", "tree");
     this.root.append(this.title, this.graph.root, this.place, this.timeline.root, this.table);
     this.id = live.id;
@@ -178,7 +179,6 @@ class Card {
     for (const { group, path } of told) {
       if (this.activities.has(path)) continue;
       const states = new Drawing("", `states of ${path}`, () => this.draw(model.deployments.get(this.id)));
-      states.path = path;
       this.follow(states);
       this.activities.set(path, states);
       this.place.append(states.root);
@@ -205,20 +205,17 @@ class Card {
     this.processes(live);
   }
 
-  // Fetches the parts that are open and lack a picture, and the timeline again after a change or while time passes.
+  // Fetches the parts that are open and lack a picture, and the timeline again while time passes. A mission that has ended is another
+  // object once it has changed, so its timeline is fetched until it shows this object.
   fetch(live) {
     if (live === undefined || live.plan === null || document.hidden) return;
     this.graph.load(`/picture?${live.plan}`);
     for (const states of this.activities.values()) {
       if (states.group !== undefined) states.load(`/picture?${live.plan}-${states.group}`);
     }
-    if (!this.timeline.root.open || isFetching) return;
+    const isOld = !live.ended || this.timeline.of !== live;
     const address = `/timeline?${live.plan}${this.window.value}`;
-    const isOther = this.timeline.shown !== address;
-    const isFresh = (!live.ended || changed.has(live.id)) && now() - this.loaded > TIMELINE_EVERY;
-    if (!isOther && !isFresh) return;
-    changed.delete(live.id);
-    this.timeline.load(address, isFresh).then(() => (this.loaded = now()));
+    this.timeline.load(address, isOld && now() - this.timeline.loaded > TIMELINE_EVERY, live);
   }
 
   processes(live) {

@@ -9,7 +9,6 @@ let heard = null;
 
 function forget(mission) {
   model.deployments.delete(mission);
-  changed.delete(mission);
   for (const part of [model.processes, model.wires]) {
     for (const [key, item] of part) if (item.mission === mission) part.delete(key);
   }
@@ -31,7 +30,6 @@ function take(data) {
   const dated = (item) => Object.assign(item, { at: item.age === null || item.age === undefined ? null : now() - item.age });
   for (const robot of data.robots) model.robots.set(robot.host, robot);
   for (const live of data.deployments) model.deployments.set(live.id, dated(live));
-  for (const item of [...data.processes, ...data.deployments]) changed.add(item.mission ?? item.id);
   for (const process of data.processes) model.processes.set(`${process.mission}:${process.path}`, dated(process));
   for (const wire of data.wires) model.wires.set(`${wire.mission}:${wire.name}`, wire);
   model.events.push(...data.events);

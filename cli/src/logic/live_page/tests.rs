@@ -143,8 +143,8 @@ fn a_mission_has_a_picture_and_each_activity_has_one() {
     let json = changes(&model, &model.since(Position::default()), at(12));
     let number = json["deployments"][0]["plan"].to_string();
     let draw = |text: &str| {
-        let asked: AskedPicture = text.parse().expect("it is a number");
-        picture(asked, asked.plan(&model).as_deref())
+        let asked: Asked = text.parse().expect("it is a number");
+        picture(asked, asked.find(&model).map(|(_, plan)| plan).as_deref())
     };
     let drawn = draw(&number);
     let svg = drawn["svg"].as_str().expect("it is drawn");
@@ -161,7 +161,7 @@ fn a_mission_has_a_picture_and_each_activity_has_one() {
     assert_eq!(draw(&format!("{number}-0"))["why"], "there is no such activity");
     assert!(draw("99999")["why"].as_str().is_some_and(|why| why.contains("no longer shown")));
     for wrong in ["", "-", "1-", "-1", "x", "1-2-3", "99999999999999999999"] {
-        assert_eq!(wrong.parse::<AskedPicture>(), Err(()), "{wrong}");
+        assert_eq!(wrong.parse::<Asked>(), Err(()), "{wrong}");
     }
 }
 
@@ -193,8 +193,8 @@ fn a_timeline_has_the_lanes_of_a_report_and_no_markup_of_others() {
     let json = changes(&model, &model.since(Position::default()), at(12));
     let number = json["deployments"][0]["plan"].to_string();
     let draw = |text: &str, now: u64| {
-        let asked: AskedTimeline = text.parse().expect("it is a number");
-        timeline(asked.past(&model, at(now)).as_ref())
+        let asked: Asked = text.parse().expect("it is a number");
+        timeline(Past::new(asked, &model, at(now)).as_ref())
     };
     let drawn = draw(&number, 21);
     assert_eq!(drawn["note"], "seconds since GO");
@@ -208,6 +208,6 @@ fn a_timeline_has_the_lanes_of_a_report_and_no_markup_of_others() {
     assert!(!svg.contains("a running") && svg.contains("a idle, 10.0 s to 20.0 s"), "{svg}");
     assert!(draw("7777", 21)["why"].is_string());
     for wrong in ["", "1-", "1-x", "1--5", "1-99999999999"] {
-        assert!(wrong.parse::<AskedTimeline>().is_err(), "{wrong}");
+        assert!(wrong.parse::<Asked>().is_err(), "{wrong}");
     }
 }

@@ -14,7 +14,7 @@ use view::sentence::change_text;
 /// Height of a lane.
 const LANE: f64 = 18.0;
 /// The most lanes; with more, the picture would be unreadable.
-pub(crate) const LANES_MAX: usize = 250;
+const LANES_MAX: usize = 250;
 /// The indentation of a member relative to its group.
 const INDENT: usize = 2;
 /// The longest name, in letters.
@@ -31,6 +31,15 @@ pub(crate) struct Lane<'a> {
     pub(crate) changes: Vec<(Duration, &'a Change)>,
 }
 
+/// A change of a process, for its lane.
+#[derive(Debug)]
+pub(crate) struct LaneChange<'a> {
+    /// The absolute path of the process.
+    pub(crate) path: &'a str,
+    pub(crate) at: Duration,
+    pub(crate) change: &'a Change,
+}
+
 /// The state of a process, as a lane shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum State {
@@ -42,20 +51,17 @@ pub(crate) enum State {
 
 /// Returns the picture of a run with its legend.
 pub(super) fn figure(run: &Run, mission: &Mission, axis: &TimeAxis) -> String {
-    let mut changes: BTreeMap<&str, Vec<(Duration, &Change)>> = BTreeMap::new();
-    for entry in &run.entries {
-        if let Entry::Report(Report::Process { path, change, at }) = entry {
-            changes.entry(path).or_default().push((*at, change));
-        }
+    let changes = run.entries.iter().filter_map(|entry| {
+        let Entry::Report(Report::Process { path, change, at }) = entry else { return None };
+        Some(LaneChange { path, at: *at, change })
+    });
+    let (lanes, hidden) = lanes(&run.header.plan, changes);
+    let (legend, mut picture) = (legend(), rows(&lanes, mission.now(), axis));
+    if hidden > 0 {
+        picture.push_str(&format!("<p class=\"quiet\">Not shown: {}.</p>\n", counted(hidden, "row")));
     }
-    let mut lanes = lanes(&run.header.plan);
-    for lane in &mut lanes {
-        lane.changes = changes.remove(lane.path.as_str()).unwrap_or_default();
-    }
-    let legend = legend();
     format!(
-        "<figure>\n<figcaption><b>processes</b>\n<span class=\"legend\">\n{legend}</span></figcaption>\n{}</figure>\n",
-        picture(lanes, mission.now(), axis)
+        "<figure>\n<figcaption><b>processes</b>\n<span class=\"legend\">\n{legend}</span></figcaption>\n{picture}</figure>\n"
     )
 }
 
@@ -75,18 +81,7 @@ fn legend() -> String {
     text
 }
 
-/// Returns the picture of the lanes up to `now`.
-fn picture(mut lanes: Vec<Lane<'_>>, now: Duration, axis: &TimeAxis) -> String {
-    let hidden = lanes.len().saturating_sub(LANES_MAX);
-    lanes.truncate(LANES_MAX);
-    let mut text = rows(&lanes, now, axis);
-    if hidden > 0 {
-        text.push_str(&format!("<p class=\"quiet\">Not shown: {}.</p>\n", counted(hidden, "row")));
-    }
-    text
-}
-
-/// Returns the lanes as SVG.
+/// Returns the lanes up to `now` as SVG.
 pub(crate) fn rows(lanes: &[Lane<'_>], now: Duration, axis: &TimeAxis) -> String {
     let height = LANE * f64::from(u32::try_from(lanes.len()).unwrap_or(u32::MAX));
     let mut text = svg("plot", height + 20.0, "when each process ran");
@@ -100,8 +95,23 @@ pub(crate) fn rows(lanes: &[Lane<'_>], now: Duration, axis: &TimeAxis) -> String
     text
 }
 
+/// Returns the lanes of the processes of a plan with their changes, and how many more there would be.
+pub(crate) fn lanes<'a>(plan: &Plan, changes: impl Iterator<Item = LaneChange<'a>>) -> (Vec<Lane<'a>>, usize) {
+    let mut by_path: BTreeMap<&str, Vec<(Duration, &Change)>> = BTreeMap::new();
+    for LaneChange { path, at, change } in changes {
+        by_path.entry(path).or_default().push((at, change));
+    }
+    let mut lanes = empty_lanes(plan);
+    let hidden = lanes.len().saturating_sub(LANES_MAX);
+    lanes.truncate(LANES_MAX);
+    for lane in &mut lanes {
+        lane.changes = by_path.remove(lane.path.as_str()).unwrap_or_default();
+    }
+    (lanes, hidden)
+}
+
 /// Returns an empty lane for each process, each group before its members.
-pub(crate) fn lanes<'a>(plan: &Plan) -> Vec<Lane<'a>> {
+fn empty_lanes<'a>(plan: &Plan) -> Vec<Lane<'a>> {
     let mut lanes = Vec::new();
     let mut stack = vec![(MemberKind::Group(0), 0)];
     while let Some((kind, depth)) = stack.pop() {
