@@ -259,7 +259,7 @@ fn tombstones(path: &Path, now: u64) -> BTreeMap<Tombstone, u64> {
         read => read.map(|bytes| content::<Vec<Stopped>>(&bytes)),
     };
     let Ok(Some(found)) = read else {
-        tracing::error!(file = %path.display(), "the file cannot be read: homes that return are not told which deployments were stopped in the meantime");
+        tracing::error!(file = %path.display(), "the file cannot be read: a home that was away is not told which of its deployments were stopped while it was away");
         return BTreeMap::new();
     };
     // If the clock was set back, each tombstone counts as new.

@@ -268,7 +268,7 @@ impl Database {
     }
 
     fn teams(&self) -> Teams<'_> {
-        Teams { place: &self.place, replica: &self.replica, other: &self.other_team }
+        Teams { place: &self.place, replica: &self.replica, other: &self.other_team, heard: &self.heard }
     }
 
     /// Returns the readable state: nothing that may not be on the disk.
@@ -350,10 +350,7 @@ impl Database {
         }
         match &keys {
             Keys::Below(prefix) => look::list(self.replica.state(), prefix, &mut say),
-            Keys::Only(key) => {
-                let versions = self.replica.state().versions(key).to_vec();
-                say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key.clone(), versions)] }));
-            }
+            Keys::Only(key) => say(look::entries(key, self.replica.state().versions(key))),
         }
         match self.watch(call, keys, None) {
             Ok(version) => say(Reply::Version(version)),
@@ -412,8 +409,7 @@ impl Database {
             effects.extend([Effect::AnswerCaller(call, Reply::Refused(why)), Effect::End(call)]);
             return None;
         }
-        let hears_members = self.heard.values().any(|heard| heard.member);
-        if let Some(note) = self.teams().unheard_by(now, hears_members).filter(|_| !draft.is_local()) {
+        if let Some(note) = self.teams().unheard_by(now).filter(|_| !draft.is_local()) {
             effects.push(Effect::AnswerCaller(call, Reply::Note(note)));
         }
         if level != AckLevel::Local {
@@ -445,10 +441,7 @@ impl Database {
         let readable = self.readable();
         let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
         match question {
-            Question::Get { key } => {
-                let versions = readable.versions(&key).to_vec();
-                say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key, versions)] }));
-            }
+            Question::Get { key } => say(look::entries(&key, readable.versions(&key))),
             Question::List { prefix, at } => match readable.readable(&prefix, &at) {
                 Ok(state) => look::list(&state, &prefix, &mut say),
                 Err(why) => say(Reply::Refused(why)),

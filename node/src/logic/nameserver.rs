@@ -318,8 +318,8 @@ impl NameServer {
     /// be much older than the cut of its link.
     pub fn heard(&self, host: &str) -> Option<Time> {
         let life = self.held(host)?;
-        let before = |since: Time| Time::ZERO + since.since(Time::ZERO).saturating_sub(SILENCE_MISSING);
-        Some(life.missing_since().map_or(life.last_heard(), |since| life.last_heard().max(before(since))))
+        let heard = life.last_heard();
+        Some(life.missing_since().map_or(heard, |since| heard.max(since.before(SILENCE_MISSING))))
     }
 
     /// Returns the boot that a name belongs to.

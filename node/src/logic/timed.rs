@@ -40,14 +40,6 @@ impl<T> Default for TimedMap<T> {
     }
 }
 
-impl<T: Timed> FromIterator<(u32, T)> for TimedMap<T> {
-    fn from_iter<I: IntoIterator<Item = (u32, T)>>(machines: I) -> Self {
-        let mut map = Self::default();
-        machines.into_iter().for_each(|(number, machine)| map.insert(number, machine));
-        map
-    }
-}
-
 impl<T> TimedMap<T> {
     /// Returns a machine.
     pub fn get(&self, number: u32) -> Option<&T> {
@@ -163,10 +155,17 @@ mod tests {
         }
     }
 
+    /// Returns alarms with the numbers below `count`, each at the time that `at` returns for its number.
+    fn alarms(count: u32, at: impl Fn(u32) -> u64) -> TimedMap<Alarm> {
+        let mut alarms = TimedMap::default();
+        (0..count).for_each(|number| alarms.insert(number, Alarm(Some(at(number)))));
+        alarms
+    }
+
     /// The index agrees with a walk over all machines.
     #[test]
     fn the_index_is_as_a_walk() {
-        let mut alarms: TimedMap<Alarm> = (0..50).map(|number| (number, Alarm(Some(u64::from(number % 7))))).collect();
+        let mut alarms = alarms(50, |number| u64::from(number % 7));
         let mut seed = 1_u64;
         for _ in 0..5000 {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -186,7 +185,7 @@ mod tests {
 
     #[test]
     fn what_is_not_due_is_not_looked_at() {
-        let mut alarms: TimedMap<Alarm> = (0..10_000).map(|number| (number, Alarm(Some(1000)))).collect();
+        let mut alarms = alarms(10_000, |_| 1000);
         let before = alarms.visits();
         alarms.with(7, |alarm| alarm.0 = Some(1));
         assert_eq!((alarms.due(Time::from_nanos(10)), alarms.deadline()), (vec![7], Some(Time::from_nanos(1))));

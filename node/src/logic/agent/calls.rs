@@ -361,8 +361,7 @@ impl Agent {
         let obstacle = self.obstacle(out.now);
         let Some(resumed) = &mut one.resumed else { return };
         if let Some(why) = obstacle {
-            let resumed = resumed.clone();
-            return self.not_resumed(&resumed, &why, out);
+            return self.not_resumed(resumed, &why, out);
         }
         if !self.identity.is_guarded || resumed.is_permitted() {
             return self.begin(one, out);
@@ -380,10 +379,7 @@ impl Agent {
                 resumed.permit();
                 self.resume(one, out);
             }
-            Err(why) => {
-                let resumed = resumed.clone();
-                self.not_resumed(&resumed, &why, out);
-            }
+            Err(why) => self.not_resumed(resumed, &why, out),
         }
     }
 

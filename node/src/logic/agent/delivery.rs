@@ -4,7 +4,7 @@
 //! cannot be reached, so that no sender waits for ever.
 
 use super::namesakes::OwnDeployments;
-use super::orders::{Order, Taken};
+use super::orders::{Handling, Order};
 use super::peers::{FromRelay, Way};
 use super::promises::Promise;
 use super::{Agent, DEPLOYMENTS_MAX, external};
@@ -207,11 +207,9 @@ impl Agent {
             return self.obey(order, out);
         }
         match self.orders.take(order, out) {
-            Taken::Now(Order { deployment, from, order }) => {
-                self.deliver_to_participant(&deployment, order, &from, out);
-            }
-            Taken::Waits => {}
-            Taken::TooMany(order) => order.refuse(&self.identity.host, "too many orders wait to be judged", out),
+            Handling::Now(order) => self.obey(order, out),
+            Handling::Waits => {}
+            Handling::TooMany(order) => order.refuse(&self.identity.host, "too many orders wait to be judged", out),
         }
     }
 
@@ -256,10 +254,8 @@ impl Agent {
     pub(super) fn deliver_own(&mut self, message: Message, out: &mut Out<'_>) {
         let host = self.identity.host.clone();
         match message {
-            Message { deployment, body: Body::Participant(message) } => {
-                if let Some(message) = message.plain() {
-                    self.deliver_to_participant(&deployment, message, &host, out);
-                }
+            Message { deployment, body: Body::Participant(order) } => {
+                self.obey(Order { deployment, from: host, order }, out);
             }
             message => self.deliver(message, &host, out),
         }

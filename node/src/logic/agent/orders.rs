@@ -30,9 +30,9 @@ pub(super) struct Order {
     pub(super) order: ToParticipant,
 }
 
-/// The decision about an order.
+/// How an order is handled.
 #[derive(Debug, PartialEq)]
-pub(super) enum Taken {
+pub(super) enum Handling {
     /// It starts nothing, and is carried out at once.
     Now(Order),
     /// It waits for its verdict.
@@ -43,21 +43,21 @@ pub(super) enum Taken {
 
 impl Orders {
     /// Takes an order, which waits for its verdict if it starts something.
-    pub(super) fn take(&mut self, order: Order, out: &mut Out<'_>) -> Taken {
+    pub(super) fn take(&mut self, order: Order, out: &mut Out<'_>) -> Handling {
         if order.order == ToParticipant::Release {
             // An order that has not begun can be dropped.
             self.waiting.retain(|_, waiting| waiting.deployment != order.deployment || waiting.from != order.from);
         }
         if !order.order.starts() {
-            return Taken::Now(order);
+            return Handling::Now(order);
         }
         if self.waiting.len() >= ORDERS_MAX {
-            return Taken::TooMany(order);
+            return Handling::TooMany(order);
         }
         self.next += 1;
         out.effects.push(order.judge(self.next));
         self.waiting.insert(self.next, order);
-        Taken::Waits
+        Handling::Waits
     }
 
     /// Takes an order that has its verdict from those that wait.

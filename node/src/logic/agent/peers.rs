@@ -66,7 +66,7 @@ impl Peers {
 
     /// Returns whether a host is another one, and does not answer.
     pub(super) fn is_away(&self, host: &str) -> bool {
-        host != self.host && !self.names.reaches(host)
+        !self.reaches(host)
     }
 
     /// Returns whether a host is this one, or answers.

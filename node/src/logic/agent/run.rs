@@ -1,7 +1,7 @@
-//! The life of this node, which may be made again from its inputs, and may leave.
+//! The restarts of this node's agent from its recorded inputs, and its shutdown.
 //!
-//! A node that is killed again and again takes over the running programs, reports and stops. It takes nothing new, because
-//! that may be what kills it.
+//! A node that is killed again and again still takes over the running programs, reports about them and can stop them. It
+//! begins nothing new, because a new deployment or change may be what kills it.
 
 use comms::logic::human::span;
 use comms::logic::time::Time;
@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How often a node may be killed,
+/// How many kills within [`WITHIN`] a node may have. After one more, it begins nothing new.
 const KILLS_MAX: usize = 5;
-/// within this time. After that, it takes nothing new on for the same time.
+/// The period over which kills are counted. It is also how long the node begins nothing new after too many kills.
 const WITHIN: Duration = Duration::from_secs(60);
 /// How long a node that leaves waits for others to acknowledge its last messages.
 const LINGER_MAX: Duration = Duration::from_secs(1);

@@ -1,14 +1,14 @@
 //! The deployments of other homes that were stopped while those homes did not answer.
 //!
-//! A home is told as soon as it returns, and has the tombstone forgotten once its disk has forgotten the deployment. A
-//! tombstone of a later epoch covers the earlier epochs.
+//! A home is told as soon as it returns. Once its disk no longer has the deployment, it asks this node to drop the
+//! tombstone. A tombstone of a later epoch covers the earlier epochs.
 
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Body, Deployment, Message, Tombstone};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// How many tombstones are kept; if there are more, those of the latest epochs.
+/// How many tombstones are kept; if there are more, the oldest epochs are dropped.
 const TOMBSTONES_MAX: usize = 1024;
 
 /// The tombstones of this node.

@@ -62,11 +62,7 @@ impl Exchange {
     /// Converts a moment on the home's clock to the clock of this host.
     fn there(&self, here: Time) -> Time {
         let read = self.asked + self.round_trip / 2;
-        if here >= read {
-            self.shown + (here - read)
-        } else {
-            Time::ZERO + self.shown.since(Time::ZERO).saturating_sub(read - here)
-        }
+        if here >= read { self.shown + (here - read) } else { self.shown.before(read - here) }
     }
 }
 

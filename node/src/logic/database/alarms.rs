@@ -67,11 +67,12 @@ pub(super) fn words(alarm: &Alarm, members: &Members, team: &str) -> String {
             format!("{} has used a number twice: its disk was copied or set back", robot(origin))
         }
         Alarm::Diverged(origin) => format!("{} has the same transactions and another state", robot(origin)),
-        Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
-        Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
+        Alarm::NeedsUpgrade(format) => {
+            format!("another robot writes format {format}, which this robot cannot read: upgrade DCA on this robot")
+        }
+        Alarm::Malformed(origin) => format!("{} sent a message that no correct replica sends", robot(origin)),
         Alarm::OtherTeam(_, robot) => format!(
-            "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither receives the writes of the other",
-            team
+            "`{robot}` belongs to a different team that is also named `{team}`: the two teams do not exchange writes"
         ),
         Alarm::Forged { from, why } => {
             format!("{} has passed on a write that is not permitted: {why}", robot(from))

@@ -221,6 +221,11 @@ impl<'a> Readable<'a> {
     }
 }
 
+/// Returns the answer with the versions of one key. If the key has no versions, the answer has no entry.
+pub(super) fn entries(key: &Key, versions: &[Version]) -> Reply {
+    Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key.clone(), versions.to_vec())] })
+}
+
 /// Answers with the keys below a prefix, in parts of a bounded size.
 pub(super) fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
     let (mut entries, mut size) = (Vec::new(), 0);

@@ -4,8 +4,8 @@
 //! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). If both teams have several
 //! members, an operator decides which team stays. Until then, every member of both teams reports the other team.
 
-use super::Place;
 use super::status::HEARD_WITHIN;
+use super::{KnownPeer, Place};
 use comms::logic::time::Time;
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::version_vector::ReplicaId;
@@ -49,16 +49,18 @@ pub(super) struct Teams<'a> {
     pub(super) place: &'a Place,
     pub(super) replica: &'a Replica,
     pub(super) other: &'a OtherTeam,
+    /// The other replicas that were heard recently.
+    pub(super) heard: &'a BTreeMap<ReplicaId, KnownPeer>,
 }
 
 impl Teams<'_> {
     /// Returns which robots do not get the writes made here although users might expect it, and where to read about it.
-    /// `hears_members` tells whether a member of a team is heard.
-    pub(super) fn unheard_by(&self, now: Time, hears_members: bool) -> Option<String> {
+    pub(super) fn unheard_by(&self, now: Time) -> Option<String> {
         let Place { robot, team, .. } = self.place;
         if !self.replica.is_member() {
+            let is_alone = !self.heard.values().any(|heard| heard.member);
             let note = "belongs to no team yet, so this stays on it until it joins one; `dca db status` says how";
-            return (!hears_members).then(|| format!("`{robot}` {note}"));
+            return is_alone.then(|| format!("`{robot}` {note}"));
         }
         let others = self.others(now);
         (!others.is_empty()).then(|| {

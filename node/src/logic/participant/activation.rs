@@ -79,8 +79,7 @@ impl Activations {
     /// Takes note that its host takes part again; GO was `since_go` ago.
     pub(super) fn rejoin(&mut self, now: Time, since_go: Duration) {
         self.is_rejoining = true;
-        let since_go = u64::try_from(since_go.as_nanos()).unwrap_or(u64::MAX);
-        self.go_at = Some(Time::from_nanos(now.nanos().saturating_sub(since_go)));
+        self.go_at = Some(now.before(since_go));
     }
 
     /// Takes note that the programs of a host that takes part again are all up.

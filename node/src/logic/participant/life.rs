@@ -1,8 +1,8 @@
 //! The life of this part of a deployment: its programs are started and linked, its processes run and stop, and it ends.
 //!
-//! Processes run and stop as their supervisors order it, as `on_link_loss` says when a host is lost, and as their own
-//! deployments say if those are others. Everything is told to go when the home releases this part, when it gives up, and
-//! at an emergency stop.
+//! The supervisor of a process orders when the process runs and stops. If a host is lost, each program follows its
+//! `on_link_loss`. A process that belongs to another deployment is started and stopped only by that deployment. All
+//! programs are told to leave when the home releases this part, when this part gives up, and at an emergency stop.
 
 use super::activation::{Activation, gone};
 use super::{Participant, Phase, Seen, Wanted};

@@ -331,7 +331,9 @@ impl Links {
 
     /// Takes note of the wires that a flip closes and opens.
     fn note_open(&mut self, Flip { close, open, .. }: &Flip) {
-        self.open.retain(|wire| !close.contains(wire));
+        for wire in close {
+            self.open.remove(wire);
+        }
         self.open.extend(open.iter().map(|opening| opening.wire));
     }
 

@@ -9,11 +9,11 @@
 //! When the home is lost, this part is on its own: programs that are to stop leave. Once nothing runs any more,
 //! everything leaves, since no host could end it.
 
-use super::site::supervisors;
+use super::site::Supervisors;
 use crate::logic::executer::{group_host, leaf_host};
 use crate::logic::protocol::Target;
 use comms::logic::time::Time;
-use language::plan::{Expression, Group, Notice, Plan};
+use language::plan::{Expression, Notice, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -68,8 +68,7 @@ impl Loss {
 }
 
 /// Returns the hosts whose loss matters to something on `host`.
-pub(super) fn relevant(plan: &Plan, host: &str) -> BTreeSet<String> {
-    let supervisors = supervisors(plan);
+pub(super) fn relevant(plan: &Plan, supervisors: &Supervisors, host: &str) -> BTreeSet<String> {
     let mut relevant: BTreeSet<&str> = plan.home().into_iter().collect();
     for target in supervisors.keys() {
         let place = match target {
@@ -93,11 +92,10 @@ pub(super) fn relevant(plan: &Plan, host: &str) -> BTreeSet<String> {
 
 /// The hosts whose loss the activities on a host wait for.
 fn awaited<'a>(plan: &'a Plan, host: &str) -> impl Iterator<Item = &'a str> {
-    let here = |group: &&'a Group| plan.hosts.get(group.host as usize).is_some_and(|own| own == host);
-    let here: Vec<&Group> = plan.groups.iter().filter(here).collect();
-    let notices = here.into_iter().flat_map(|group| {
-        if let Expression::Chart(chart) = &group.expression { chart.notices.as_slice() } else { &[] }
-    });
+    let here = (0..).zip(&plan.groups).filter(|(number, _)| group_host(plan, *number) == Some(host));
+    let charts =
+        here.filter_map(|(_, group)| if let Expression::Chart(chart) = &group.expression { Some(chart) } else { None });
+    let notices = charts.flat_map(|chart| &chart.notices);
     notices.filter_map(|notice| {
         if let Notice::HostLost(lost) | Notice::LinkLost(lost) = notice { Some(lost.as_str()) } else { None }
     })

@@ -1,7 +1,8 @@
 //! The processes of a deployment on this host: its programs, and the supervisors of its groups.
 //!
-//! Both report what happens to them, and the participant handles each report at once. So they are changed there. This part
-//! answers questions about them, and passes on orders whose answers come later.
+//! If a program or a supervisor gets an input, it may make reports that the participant has to handle at once. So the
+//! participant itself passes such inputs on. This module answers questions about programs and supervisors, and passes on
+//! the orders that a program answers later.
 
 use super::site::Site;
 use crate::logic::effect::{Out, earliest};
@@ -134,10 +135,9 @@ impl Processes {
             // Its resources are not free before its programs have ended.
             executer.abandon(context, out);
             let origin = site.group_path(group);
-            let left = || FailureCause::NotAvailable("its host has ended its part".into());
-            let cause = site.estop.clone().map_or_else(left, FailureCause::Estop);
+            let cause = FailureCause::NotAvailable("its host has ended its part".into());
             let (target, activation) = (Target::Group(group), executer.activation());
-            let ending = Ending::Aborted(Failure { origin, cause, at: since_go });
+            let ending = site.as_stopped(Ending::Aborted(Failure { origin, cause, at: since_go }));
             if let Some(host) = site.supervisor_host(target) {
                 site.tell(host, ToParticipant::Ended { target, activation, ending }, out);
             }

@@ -9,7 +9,7 @@
 //! | `Linked` | those whose links are not made yet: `linking` |
 //! | `Healthy` | new ones on probation, `probing`; and no group hands connections over |
 //!
-//! A program that is added is in `adding` until the end of the change. A program that is replaced never is.
+//! A program that is added is in `adding` until the end of the change. A replaced program is never in `adding`.
 
 use crate::logic::protocol::{ChangeReply, LeafFacts};
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ pub(super) struct Progress {
     rewired: BTreeSet<u32>,
     /// The next reply that the home waits for, if any.
     next: Next,
-    /// Programs that are added, and are not linked yet.
+    /// Programs that are added.
     adding: BTreeSet<u32>,
     /// The locations of the added programs.
     facts: Vec<LeafFacts>,

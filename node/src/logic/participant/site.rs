@@ -18,6 +18,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
+/// For each process, the group and slot that supervise it.
+pub(super) type Supervisors = BTreeMap<Target, (u32, u32)>;
+
 /// The deployment, and the place of this host in it.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Site {
@@ -27,8 +30,7 @@ pub(super) struct Site {
     /// This host.
     pub(super) host: String,
     pub(super) machine: String,
-    /// For each process, the group and slot that supervise it.
-    supervisors: BTreeMap<Target, (u32, u32)>,
+    supervisors: Supervisors,
     /// The other hosts whose loss is one for something here.
     pub(super) relevant: BTreeSet<String>,
     /// The emergency stop that ends this part, if one does.
@@ -39,9 +41,10 @@ impl Site {
     /// Returns the place of a host in a deployment.
     pub(super) fn new(deployment: Deployment, plan: Arc<Plan>, place: &Identity) -> Self {
         let host = place.host.as_str();
+        let supervisors = supervisors(&plan);
         Self {
-            supervisors: supervisors(&plan),
-            relevant: relevant(&plan, host),
+            relevant: relevant(&plan, &supervisors, host),
+            supervisors,
             home: plan.home().unwrap_or(host).to_owned(),
             deployment,
             plan,
@@ -55,8 +58,9 @@ impl Site {
     /// a program that is being replaced is supervised until it has left.
     pub(super) fn change(&mut self, plan: Plan) -> Arc<Plan> {
         let before = std::mem::replace(&mut self.plan, Arc::new(plan));
-        self.relevant.extend(relevant(&self.plan, &self.host));
-        self.supervisors.extend(supervisors(&self.plan));
+        let supervisors = supervisors(&self.plan);
+        self.relevant.extend(relevant(&self.plan, &supervisors, &self.host));
+        self.supervisors.extend(supervisors);
         before
     }
 
@@ -212,7 +216,7 @@ impl Site {
     }
 
     /// Returns an ending with the emergency stop as its cause, if there was one: users read the first cause.
-    fn as_stopped(&self, ending: Ending) -> Ending {
+    pub(super) fn as_stopped(&self, ending: Ending) -> Ending {
         match (ending, &self.estop) {
             (Ending::Aborted(Failure { origin, cause: FailureCause::NotAvailable(_), at }), Some(estop)) => {
                 Ending::Aborted(Failure { origin, cause: FailureCause::Estop(estop.clone()), at })
@@ -223,11 +227,11 @@ impl Site {
 
     /// Tells the supervisor of a program that it is started again, if it wants to know.
     pub(super) fn tell_restart(&self, target: Target, cause: &FailureCause, out: &mut Out<'_>) {
-        let Some((number, _)) = self.supervisor(target) else { return };
-        let group = self.plan.groups.get(number as usize).filter(|group| wants_restarts(&group.supervision));
-        let host = group.and_then(|group| self.plan.hosts.get(group.host as usize));
-        let message = || ToParticipant::Restarted { target, cause: cause.clone() };
-        host.into_iter().for_each(|host| self.tell(host, message(), out));
+        let group = self.supervisor(target).and_then(|(number, _)| self.plan.groups.get(number as usize));
+        let is_wanted = group.is_some_and(|group| wants_restarts(&group.supervision));
+        if let Some(host) = self.supervisor_host(target).filter(|_| is_wanted) {
+            self.tell(host, ToParticipant::Restarted { target, cause: cause.clone() }, out);
+        }
     }
 
     /// Reports parameters that a program was told of while the deployment runs.
@@ -240,13 +244,14 @@ impl Site {
 
     /// Tells the activity that supervises a program of a parameter with another value, if it waits for that.
     fn tell_parameter(&self, leaf: u32, parameter: &str, out: &mut Out<'_>) {
-        let Some((number, slot)) = self.supervisor(Target::Leaf(leaf)) else { return };
+        let target = Target::Leaf(leaf);
+        let Some((number, slot)) = self.supervisor(target) else { return };
         let Some(group) = self.plan.groups.get(number as usize) else { return };
         let (Expression::Chart(chart), Some(member)) = (&group.expression, group.members.get(slot as usize)) else {
             return;
         };
         let notice = Notice::ParameterChanged { member: member.name.clone(), parameter: parameter.to_owned() };
-        if let Some(host) = self.plan.hosts.get(group.host as usize).filter(|_| chart.notice(&notice).is_some()) {
+        if let Some(host) = self.supervisor_host(target).filter(|_| chart.notice(&notice).is_some()) {
             self.tell(
                 host,
                 ToParticipant::Tell { group: number, told: ActivityInput::Notice(notice), by: None, call: None },
@@ -272,9 +277,8 @@ impl Site {
     }
 }
 
-/// For each process, the group and slot that supervise it.
-pub(super) fn supervisors(plan: &Plan) -> BTreeMap<Target, (u32, u32)> {
-    let mut supervisors = BTreeMap::new();
+fn supervisors(plan: &Plan) -> Supervisors {
+    let mut supervisors = Supervisors::new();
     for (group, members) in (0_u32..).zip(plan.groups.iter().map(|group| &group.members)) {
         for (slot, member) in (0_u32..).zip(members) {
             supervisors.insert(member.kind.into(), (group, slot));
