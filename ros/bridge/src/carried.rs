@@ -103,11 +103,11 @@ impl Carried {
     }
 
     /// Publishes the message of a value, or refuses it.
-    pub(crate) fn publish(&mut self, message: Option<Vec<u8>>) -> Result<Delivery, DeliveryError> {
+    pub(crate) fn publish(&mut self, message: Option<Cow<'_, [u8]>>) -> Result<Delivery, DeliveryError> {
         let malformed = || DeliveryError::malformed(self.port, self.type_name);
         let End::ToRos { publisher, early, conversion, counts } = &mut self.end else { return Err(malformed()) };
         // A process of ROS 2 may end because of a malformed message.
-        let Some(Ok(message)) = message.map(|message| conversion.convert(Cow::Owned(message))) else {
+        let Some(Ok(message)) = message.map(|message| conversion.convert(message)) else {
             counts.refused += 1;
             return Err(malformed());
         };

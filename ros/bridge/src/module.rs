@@ -16,6 +16,7 @@ use controllers::sdk::{
     Parameter, Progress, RawReply, Stopping, Waker,
 };
 use ros::logic::route::{Route, Way};
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -103,7 +104,7 @@ impl Bridge {
         self.carried.iter_mut().find(|carried| carried.port == port)
     }
 
-    fn publish(&mut self, port: &str, message: Option<Vec<u8>>) -> Result<Delivery, DeliveryError> {
+    fn publish(&mut self, port: &str, message: Option<Cow<'_, [u8]>>) -> Result<Delivery, DeliveryError> {
         let found = self.carried(port).filter(|carried| carried.route.way == Way::ToRos);
         let missing = || DeliveryError::NoInput { type_name: TYPE, port: port.to_owned() };
         found.ok_or_else(missing)?.publish(message)
@@ -116,11 +117,11 @@ impl Module for Bridge {
     }
 
     fn deliver(&mut self, port: &str, bytes: &[u8], _: Time) -> Result<Delivery, DeliveryError> {
-        self.publish(port, value::message_in(bytes).map(<[u8]>::to_vec))
+        self.publish(port, value::message_in(bytes).map(Cow::Borrowed))
     }
 
     fn deliver_from(&mut self, port: &str, source: &mut dyn Source, _: Time) -> Result<Delivery, DeliveryError> {
-        self.publish(port, value::message_of(source))
+        self.publish(port, value::message_of(source).map(Cow::Owned))
     }
 
     fn lose(&mut self, port: &str, count: u64) {

@@ -8,6 +8,7 @@ use super::key::GraphName;
 use super::name::{Folder, TypeName};
 use super::qos::{Durability, Qos, Reliability};
 use super::token::Role;
+use std::collections::BTreeSet;
 use std::fmt;
 
 /// The most routes of one bridge.
@@ -110,8 +111,8 @@ impl Route {
     /// Reads the routes of a bridge. None if one of them cannot be read, if two have the same name, or if there are too many.
     pub fn list(text: &str) -> Option<Vec<Self>> {
         let routes: Vec<Self> = text.split(END).map(Self::parse).collect::<Option<_>>()?;
-        let is_again = |(at, route): (usize, &Self)| routes.iter().take(at).any(|other| other.label() == route.label());
-        let is_fit = routes.len() <= ROUTES_MAX && !routes.iter().enumerate().any(is_again);
+        let mut labels = BTreeSet::new();
+        let is_fit = routes.len() <= ROUTES_MAX && routes.iter().all(|route| labels.insert(route.label()));
         is_fit.then_some(routes)
     }
 

@@ -97,10 +97,10 @@ impl Arrivals {
         if self.waiting.len() >= self.depth
             && let Some(oldest) = self.waiting.pop_front()
         {
-            let missed = oldest.lost + u64::from(!self.conversion.is_cumulative());
-            self.counts.lost += missed - oldest.lost;
+            let own = u64::from(!self.conversion.is_cumulative());
+            self.counts.lost += own;
             let before = self.waiting.front_mut().map_or(&mut lost, |next| &mut next.lost);
-            *before += missed;
+            *before += oldest.lost + own;
         }
         self.waiting.push_back(Arrived { lost, value });
         Ok(())
@@ -114,7 +114,7 @@ impl Arrivals {
             return Err(Refused::Long(length));
         }
         let value = value::of_parts(parts);
-        let message = value.get(value.len() - length..).unwrap_or_default();
+        let message = value::message_in(&value).unwrap_or_default();
         let changed = match self.conversion.convert(Cow::Borrowed(message))? {
             Cow::Borrowed(_) => None,
             Cow::Owned(changed) => Some(value::of_message(&changed)),

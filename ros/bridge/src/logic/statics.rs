@@ -1,9 +1,9 @@
 //! The static transforms of a topic: its messages are merged into one, in which each frame has its last transform.
 //!
 //! A latched topic keeps one message of each publisher, and a latched wire keeps one message. So each message that the bridge passes on
-//! has all transforms, as that of a `StaticTransformBroadcaster` of `tf2_ros` has.
+//! has all transforms, like a message of a `StaticTransformBroadcaster` of `tf2_ros`.
 
-use super::arrivals::Refused;
+use super::arrivals::{Refused, short};
 use controllers::ros::geometry_msgs::TransformStamped;
 use controllers::ros::tf2_msgs::TFMessage;
 use ros::logic::cdr;
@@ -36,10 +36,10 @@ impl Statics {
         if merged.len() > TRANSFORMS_MAX {
             return Err(Refused::Many(TRANSFORMS_MAX));
         }
-        let whole = TFMessage { transforms: merged.values().cloned().collect() };
-        let whole = super::arrivals::short(whole.to_cdr()?)?;
-        self.by_child = merged;
-        Ok(whole)
+        let whole = TFMessage { transforms: merged.into_values().collect() };
+        let message = short(whole.to_cdr()?)?;
+        self.by_child = whole.transforms.into_iter().map(|one| (one.child_frame_id.clone(), one)).collect();
+        Ok(message)
     }
 }
 
