@@ -269,7 +269,7 @@ codes! {
     E0901 Error "unknown state"
         "A transition leads to a state of its activity, to `resume`, `done` or `abort(\"why\")`. This activity has no state of that name."
     E0902 Error "states that do not fit"
-        "An activity, and a state with states inside, begins in its one `initial` state. The states inside a `parallel state` begin together and cannot be `initial`, `final` or `suspended`. A `final state` runs nothing and has no transitions. `-> resume` stands in a `suspended state`. `on done` stands in a state that runs something, `on complete` in one that has states inside. `on entry` and `on exit` have actions alone. An activity with outcomes ends by `-> done(OUTCOME)`, and no `final state` completes it."
+        "An activity, and a state with states inside, begins in its one `initial` state. The states inside a `parallel state` begin together and cannot be `initial`, `final` or `suspended`. A `final state` runs nothing and has no transitions. `-> resume` stands in a `suspended state`. `on done` stands in a state that runs something, `on complete` in one that has states inside. `on entry` and `on exit` only have actions. `-> internal STATE` leads to states inside the state of the transition, which is not `parallel`. An activity with outcomes ends by `-> done(OUTCOME)`, and no `final state` completes it."
     E0903 Error "unknown name in an activity"
         "A condition or an action names a variable of the activity, a value of one, a state with `in(state)`, a port, or a signal. In a transition with `on done(tag value)` the value has that name, with `on message port` that of the port. In `where` the message is `text`, and its `priority` has a number from 0 to 255."
     E0904 Error "wrong value in an activity"
@@ -279,7 +279,7 @@ codes! {
     W0906 Warning "state never entered"
         "No transition leads to this state, and nothing begins in it."
     W0907 Warning "failures are tried again for ever"
-        "After this abort the activity comes back to the same state by ends of its runs alone. On this way no variable changes that a condition looks at, so the activity may turn for ever. Count the tries, or wait on the way."
+        "After this abort the activity comes back to the same state by ends of its runs alone. No condition on this path reads a variable that changes on the path, so the activity may repeat the path for ever. Count the tries, or add a pause."
     E0819 Error "a run deviates"
         "`dca conform` has found a step of a supervisor in the record of a run that differs from the spec: the robot's behaviour is not the verified one. The supervisor is wrong, or the record is of another version of DCA."
 }

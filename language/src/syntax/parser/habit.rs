@@ -70,8 +70,11 @@ const BETWEEN: [(&str, &str); 20] = [
     ("unless", FAILURE),
     ("timeout", LIMIT),
     ("for", LIMIT),
-    ("until", "`a # b` runs a until a or b has ended; `repeat a until found` runs a until it ends with this outcome"),
-    ("while", "`a # b` runs a until a or b has ended"),
+    (
+        "until",
+        "`a # b` runs a and b until one of them has ended; `repeat a until found` runs a until it ends with this outcome",
+    ),
+    ("while", "`a # b` runs a and b until one of them has ended"),
     ("times", OFTEN),
     ("repeat", OFTEN),
     ("if", CHOICE),

@@ -117,8 +117,7 @@ fn frames_of(topic: &Node) -> Result<Option<FramePrefix>, Box<Diagnostic>> {
     let prefix = FramePrefix::parse(&written);
     let wrong = || {
         let message = format!("{written:?} is not a prefix of frames");
-        let help =
-            "it ends with `/` or `_`, as `\"r1/\"`, has words of letters, digits, `-` and `_`, and at most 64 bytes";
+        let help = "write for example `\"r1/\"`: words of letters, digits, `-` and `_`, with `/` between them, and `/` or `_` at the end; at most 64 bytes";
         Box::new(Diagnostic::new(Code::E0309, text.span(), message).help(help))
     };
     prefix.map(Some).ok_or_else(wrong)
