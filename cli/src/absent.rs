@@ -231,7 +231,7 @@ impl Absences {
             (Why::Lost, Some(_)) => "lost".to_owned(),
             (Why::Lost, None) => "it was lost".to_owned(),
             (Why::Late, _) => "not in time".to_owned(),
-            (Why::Unable, _) => "it could not end everything".to_owned(),
+            (Why::Unable, _) => "it could not end all its programs".to_owned(),
             (Why::Restarted, _) => format!("not heard since `{}` was started again", end.home),
         };
         host.heard.map_or(why.clone(), |heard| format!("{why}, heard {}", ago(heard)))
@@ -319,8 +319,8 @@ pub(crate) fn outlawed(host: &str) -> String {
 /// Says that two nodes have the same name.
 pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String {
     format!(
-        "warning: two nodes are called `{host}`: {first}; and {second}. No deployment begins under this name, and this output \
-         shows only one of the two nodes, until one of them has another name (`dca-node --name`)"
+        "warning: two nodes are called `{host}`: {first}; and {second}. Until one of the nodes has another name (`dca-node --name`), no \
+         deployment begins under this name, and this output shows only one of the two nodes"
     )
 }
 

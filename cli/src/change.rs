@@ -212,7 +212,7 @@ async fn change_by_canary(
     if matches!(failure, Failure::Unreachable(_)) {
         return Err(failure);
     }
-    console::note(&format!("the rest of `{name}` is not changed, so the change of `{host}` is taken back"));
+    console::note(&format!("the change of `{name}` has failed, so the change of the host `{host}` is taken back"));
     change(client, home, of_canary(), before.clone(), Vec::new(), probation).await?;
     Err(failure)
 }
@@ -347,15 +347,17 @@ fn underway_text(name: &str, revision: u32, change: &ChangeUnderway) -> String {
             format!("`{name}`, revision {revision}; the hosts examine a change to revision {next} by {by}")
         }
         ChangeStage::Applied => {
-            format!("`{name}`, as it will be in revision {next} by {by}, whose programs are being started")
+            format!("`{name}`, revision {next} by {by}, not current yet: its programs are being started")
         }
         ChangeStage::Probation => {
             format!(
-                "`{name}`, as it will be in revision {next} by {by}, which is in its probation; until then revision {revision} is current"
+                "`{name}`, revision {next} by {by}, in probation; revision {revision} is current until the probation ends"
             )
         }
         ChangeStage::TakenBack => {
-            format!("`{name}`, revision {revision}, to which it returns: revision {next} by {by} has failed")
+            format!(
+                "`{name}`, revision {revision}: the deployment returns to this revision, because revision {next} by {by} has failed"
+            )
         }
     }
 }

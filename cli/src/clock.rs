@@ -41,7 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Ok(());
     }
     let hosts = unreachable.join("`, `");
-    Err(Failure::Unreachable(anyhow!("`{hosts}` could not be asked; `dca nodes` says since when")))
+    Err(Failure::Unreachable(anyhow!("`{hosts}` did not answer; `dca nodes` says since when")))
 }
 
 /// Asks the hosts one after the other. If questions waited for each other, the links would look too long.

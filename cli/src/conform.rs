@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         console::say(&summary(&found, &recorded));
     }
     if let Some(lacks) = run.lacks() {
-        console::note(&format!("warning: the record is not whole: {lacks}"));
+        console::note(&format!("warning: the record is not complete: {lacks}"));
     }
     let is_broken = found.sentences.iter().any(|finding| finding.verdict == Verdict::Fails);
     if is_broken || !found.deviations.is_empty() {

@@ -190,9 +190,9 @@ pub(crate) fn confirmed(order: &str, path: &str, taken: Taken) -> String {
     match taken {
         Taken::Reacted => format!("`{path}` has taken {order}"),
         Taken::Waits => {
-            format!("`{path}` has received {order}, and reacts when the processes that are being stopped have ended")
+            format!("`{path}` has received {order}, and will react after the processes that it is stopping have ended")
         }
-        Taken::Ignored => format!("`{path}` has received {order}, but no transition takes it in the present states"),
+        Taken::Ignored => format!("`{path}` has received {order}, but its present states have no transition for it"),
     }
 }
 

@@ -243,7 +243,7 @@ pub(crate) fn in_words(outcome: &Outcome) -> String {
         Outcome::Stopped(there) => {
             let left = match &there.unended[..] {
                 [] => "stopped; no program runs".to_owned(),
-                left => format!("stopped, but this could not be ended: {}", left.join(", ")),
+                left => format!("stopped, but these programs could not be ended: {}", left.join(", ")),
             };
             left + &but_unwritten(there.unwritten.as_deref())
         }

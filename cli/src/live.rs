@@ -218,8 +218,8 @@ impl Live {
             }
             FeedItem::Current => None,
             FeedItem::Left(robot) => note(robot, "the node has left".to_owned()),
-            FeedItem::Lost(robot, why) => note(robot, format!("events are not heard any more: {why}")),
-            FeedItem::Back(robot) => note(robot, "events are heard again".to_owned()),
+            FeedItem::Lost(robot, why) => note(robot, format!("no more events arrive: {why}")),
+            FeedItem::Back(robot) => note(robot, "events arrive again".to_owned()),
             FeedItem::Reached(number, hosts) => Some(self.reached(number, &hosts)),
         }
     }
@@ -277,7 +277,7 @@ impl Live {
         let local = self.locals().into_iter().next();
         let robot = local.map(|(client, host)| RobotId { host, fleet: client.fleet() });
         let robot = robot.unwrap_or(RobotId { host: String::new(), fleet: Fleet::Standing });
-        Input::Note { text: format!("everything is heard through `{robot}` now"), robot }
+        Input::Note { text: format!("all data now comes through `{robot}`"), robot }
     }
 
     fn missing(&mut self, place: &Place, status: &NodeStatus) {

@@ -198,7 +198,7 @@ impl Shown {
             }
             self.keys.rest().await;
             self.taken = None;
-            console::note(&format!("`{host}` does what users of its team have signed"));
+            console::note(&format!("`{host}` accepts only requests that users of its team have signed"));
             let unlocked = client.unlock(host).await;
             self.taken = Some(Taken::take()?);
             self.terminal.clear().context("writing to the terminal")?;

@@ -8,7 +8,7 @@ use node::logic::table::counted;
 use std::time::Duration;
 
 /// The words for a process whose program has ended after an unconfirmed stop.
-pub const ENDED_LATE: &str = "has ended after all: what it held is free";
+pub const ENDED_LATE: &str = "has ended after all: its resources are free";
 
 /// Returns a time since 1970 as UTC, to the second: `2026-11-23T00:00:00`.
 pub fn date_and_time(since_1970: Duration) -> String {
@@ -36,7 +36,10 @@ pub fn report_text(report: &Report) -> String {
         }
         Report::Unchanged { by, reasons } => format!("a change by {by} was taken back: {}", reasons.join("; ")),
         Report::Omitted { count } => {
-            format!("{} left out here: its home keeps the first 1,000 and the latest", counted(*count, "report"))
+            format!(
+                "{} left out here: the home of the deployment keeps the first 1,000 and the latest reports",
+                counted(*count, "report")
+            )
         }
         Report::Aligned { lead, within } => format!(
             "the first step begins on all hosts {:.0} ms after GO, to within {}",
@@ -44,9 +47,9 @@ pub fn report_text(report: &Report) -> String {
             span(*within)
         ),
         Report::BeganLate { host, by } => {
-            format!("{host} began {} late: it heard of the start too late, or its node was away", span(*by))
+            format!("{host} began {} late: the order to start came too late, or its node was away", span(*by))
         }
-        Report::Replanned { .. } => "goes by a changed plan".to_owned(),
+        Report::Replanned { .. } => "now follows a changed plan".to_owned(),
         Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),
     }
 }
@@ -75,7 +78,7 @@ pub fn change_text(change: &Change) -> String {
 
 /// Returns the words for a program that is put back, since its replacement was not healthy.
 pub fn reverting_text(cause: &FailureCause) -> String {
-    format!("is put back, since the new program was not healthy: {cause}")
+    format!("returns to the previous program, because the new program was not healthy: {cause}")
 }
 
 /// Returns the words for an activity that is in other states.
@@ -93,7 +96,7 @@ pub fn renewing_text(with: &str) -> String {
 pub fn configured_text(parameter: &str, value: Option<&str>) -> String {
     match value {
         Some(value) => format!("was told that `{parameter}` is {value}"),
-        None => format!("was told that `{parameter}` is as in the spec"),
+        None => format!("was told that `{parameter}` has the value of the spec"),
     }
 }
 

@@ -179,7 +179,7 @@ impl Feed {
             |one: &AbsentHost| (one.host.clone(), format!("it does not answer, and was last heard {}", ago(one.heard)));
         let mut lost: BTreeMap<String, String> = away.hosts.iter().map(heard).collect();
         for host in &away.back {
-            lost.entry(host.clone()).or_insert_with(|| "it has just come back, and was not asked".to_owned());
+            lost.entry(host.clone()).or_insert_with(|| "it has just come back, and was not asked yet".to_owned());
         }
         let parts = found.iter().flat_map(|(_, statuses)| &statuses.nodes).flat_map(|node| &node.deployments);
         for part in parts.filter(|part| !away.revoked.contains(&part.home)) {
@@ -272,7 +272,7 @@ impl Feed {
             SourceMessage::Events(place, events) => self.events(place, events),
             SourceMessage::Behind(place, hosts) => self.behind(&place, hosts),
             SourceMessage::Ended(place) if self.is_behind(&place) => {
-                self.lost(&place, "it has ended before it had sent everything".to_owned());
+                self.lost(&place, "it ended before it had sent all its reports".to_owned());
                 self.silent(place, State::Lost);
             }
             SourceMessage::Ended(place) => {
@@ -545,6 +545,6 @@ mod tests {
         feed.take(SourceMessage::Events(c2.clone(), Vec::new()));
         feed.take(SourceMessage::Ended(c2));
         feed.take(SourceMessage::Ended(c3));
-        assert_eq!(said(&feed), ["lost c3: it has ended before it had sent everything", "current"]);
+        assert_eq!(said(&feed), ["lost c3: it ended before it had sent all its reports", "current"]);
     }
 }

@@ -82,15 +82,15 @@ impl Signer {
         let keyring = Keyring::at(place.folder.as_deref())?;
         let locked = keyring.own()?.with_context(|| {
             format!(
-                "the team `{name}` does what its users have signed, and you have no key: `dca team key` makes one, and prints \
-                 the line for `dca team user add` on the operator's machine"
+                "the team `{name}` accepts only signed requests, and you have no key: `dca team key` makes a key, and prints the line for \
+                 `dca team user add` on the operator's machine"
             )
         })?;
         let (own, bundle) = (locked.public().id(), bundle(&keyring, KeyId(team.id))?);
         let bundle = bundle.with_context(|| {
             format!(
-                "this machine does not know who is in the team `{name}`: have the operator run `dca team export`, and give what it \
-                 prints to `dca team import`"
+                "this machine does not know the members of the team `{name}`: ask the operator to run `dca team export`, and give its \
+                 output to `dca team import` here"
             )
         })?;
         let credential = keyring.credential(&bundle, &own).with_context(|| {
@@ -102,8 +102,8 @@ impl Signer {
         })?;
         if place.passphrase.is_none() && !std::io::stdin().is_terminal() {
             return Err(anyhow!(
-                "the team `{name}` does what its users have signed, and your key is behind a passphrase: give it with \
-                 `--passphrase FILE`, or at a terminal"
+                "the team `{name}` accepts only signed requests, and your key needs a passphrase: give the passphrase with `--passphrase \
+                 FILE`, or at a terminal"
             ));
         }
         let keys = locked.unlock(&passphrase(place.passphrase.as_deref(), Asked::Known)?)?;

@@ -211,7 +211,7 @@ fn by_owner(draft: &Draft, owners: &Owners) -> Vec<Vec<Write>> {
 fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
     let condition = |key: &Key| match state.versions(key) {
         _ if state.is_conflict(key) => Err(anyhow!(
-            "`{key}` has concurrent writes, which `--atomic` cannot rely on; `dca db resolve` settles them"
+            "`{key}` has concurrent writes, and `--atomic` needs a single value; choose the value with `dca db resolve`"
         )),
         [.., last] if last.value.is_some() => Ok(Condition::Is(last.dot)),
         _ => Ok(Condition::Absent),
@@ -223,8 +223,11 @@ fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
 /// Explains why the file does not fit into one transaction.
 fn does_not_fit(parts: &[Vec<Write>], drafts: usize) -> Failure {
     let keys = counted(parts.iter().map(|part| part.len() as u64).sum::<u64>(), "key");
-    let why =
-        if drafts == 1 { "they belong to several robots" } else { "one transaction cannot contain so many changes" };
+    let why = if drafts == 1 {
+        "the keys belong to several robots"
+    } else {
+        "one transaction cannot contain so many changes"
+    };
     anyhow!("nothing was written: {keys} would change, and {why}; import a part of the file, or remove `--atomic`")
         .into()
 }

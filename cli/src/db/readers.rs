@@ -102,7 +102,8 @@ impl Readers {
         let names = self.names.get_or_init(|| self.look_up());
         if sealed.readers().any(|id| !names.contains_key(&id)) {
             self.unknown.get_or_init(|| {
-                console::note("note: names of readers are known where the team is: `dca team import` brings it, `--keys` says where");
+                console::note("note: this machine does not know the names of all readers: import their team with `dca team import`, or \
+                               name the folder of your teams with `--keys`");
             });
         }
         sealed.readers().map(|id| names.get(&id).cloned().unwrap_or_else(|| format!("key {id}"))).collect()

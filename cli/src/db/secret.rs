@@ -121,8 +121,8 @@ fn robot(bundle: &Bundle, name: &Name) -> anyhow::Result<PublicKeys> {
     });
     let newest = robots.max_by_key(|holder| holder.certificate.claims().not_before).with_context(|| {
         format!(
-            "`{name}` is not a robot that the team trusts now, as far as this machine knows: `dca team` lists them; what the operator's \
-             `dca team export` prints goes to `dca team import` here"
+            "`{name}` is not a robot that the team trusts now, as far as this machine knows; `dca team` lists the known robots; to update \
+             this list, give the output of the operator's `dca team export` to `dca team import` here"
         )
     })?;
     Ok(newest.certificate.claims().keys)

@@ -151,10 +151,10 @@ fn check(name: &'static str, level: Level, finding: impl Into<String>, hint: &'s
 
 fn kernel(machine: &Machine) -> Check {
     let (level, finding) = match &machine.kernel {
-        Ok(()) => (Level::Ok, "it has the system calls that a node needs to end programs".to_owned()),
+        Ok(()) => (Level::Ok, "the kernel has the system calls that a node needs to end programs".to_owned()),
         Err(why) => (Level::Failed, why.clone()),
     };
-    check("kernel", level, finding, "use Linux 5.3 or later, and in a container a newer runtime: no node starts here")
+    check("kernel", level, finding, "no node starts here; use Linux 5.3 or later, and in a container a newer runtime")
 }
 
 fn containment(machine: &Machine) -> Check {
@@ -164,7 +164,10 @@ fn containment(machine: &Machine) -> Check {
             "a control group (version 2): all processes that programs start are found and ended, even after a crash",
         )
     } else {
-        (Level::Warning, "no control group of its own: daemons of a program are found as long as its shim lives")
+        (
+            Level::Warning,
+            "no control group of its own: a node finds the daemons of a program only while the shim of the program runs",
+        )
     };
     let hint = "`dca-node install` makes a service with a group of its own (`Delegate=yes`); in a container, mount a writable \
                 cgroup2. It needs Linux 5.14";
@@ -200,7 +203,7 @@ fn listening(machine: &Machine) -> Check {
         Ok(()) => (Level::Ok, "TCP ports can be listened on".to_owned()),
         Err(why) => (Level::Failed, format!("no TCP port can be listened on: {why}")),
     };
-    check("ports", level, finding, "look for the reason: a sandbox, a security module, a container without network")
+    check("ports", level, finding, "possible reasons: a sandbox, a security module, or a container without a network")
 }
 
 fn files(machine: &Machine) -> Check {
@@ -212,7 +215,7 @@ fn files(machine: &Machine) -> Check {
                 FILES_MIN..FILES_FEW => Level::Warning,
                 FILES_FEW.. => Level::Ok,
             };
-            (level, format!("{files} open files and sockets a process"))
+            (level, format!("a process may have {files} open files and sockets"))
         }
     };
     check("files", level, finding, "raise the hard limit: `LimitNOFILE=` of a service, `ulimit -Hn` or limits.conf")
@@ -227,7 +230,7 @@ fn realtime(machine: &Machine) -> Check {
         "realtime",
         level,
         finding,
-        "`dca-node install` allows it (`LimitRTPRIO=99`); else an `rtprio` line in limits.conf",
+        "run the node as the service of `dca-node install` (`LimitRTPRIO=99`), or add an `rtprio` line to limits.conf",
     )
 }
 
@@ -281,7 +284,8 @@ fn controllers(installed: &Installed) -> Check {
 
 fn python(interpreter: &Interpreter, own: &str) -> Check {
     let Interpreter { path, is_of_venv, version, package } = interpreter;
-    let hint = "programs with `python` in a spec need it: `pip install` the folder `python` of DCA into their environment, of the same version";
+    let hint = "programs with `python` in a spec need the package `dca` of this version: run `pip install` in their environment with the \
+                folder `python` of DCA";
     let (level, finding) = match (version, package) {
         (Err(why), _) => (Level::Warning, format!("`{path}` does not start: {why}")),
         (Ok(version), Err(_)) if !is_of_venv => (Level::Ok, format!("`{path}` is Python {version}, without `dca`")),
@@ -321,7 +325,7 @@ fn policy(machine: &Machine) -> Check {
         "policy",
         level,
         finding,
-        "a node with such a policy does not start, and a running node starts no more programs: correct the file",
+        "correct the file: with this policy, a node does not start, and a running node starts no more programs",
     )
 }
 

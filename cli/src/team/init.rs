@@ -43,7 +43,7 @@ impl Init {
         keyring.begin(&locked, &bundle)?;
         super::tell(&bundle, &[]);
         console::note(
-            "Keep a copy of the folder with the keys, and the passphrase, where they cannot be lost together.",
+            "Keep a copy of the folder with the keys. Keep the passphrase at another place, so that you cannot lose both.",
         );
         Ok(())
     }

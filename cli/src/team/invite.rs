@@ -204,7 +204,10 @@ impl JoinArgs {
 
 fn ensure_free(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
     let is_taken = bundle.named(name).any(|known| !bundle.has_revoked(&known.subject()));
-    ensure!(!is_taken, "there is a `{name}` in the team; `dca team revoke {name}` before another takes its place");
+    ensure!(
+        !is_taken,
+        "the team already has a member `{name}`; revoke it with `dca team revoke {name}` before another takes its place"
+    );
     Ok(())
 }
 

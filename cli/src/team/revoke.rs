@@ -70,8 +70,8 @@ pub(super) fn ensure_other_admin(bundle: &Bundle, name: &Name, is_wanted: bool) 
         claims.filter(|claims| claims.role == Role::Admin).partition(|claims| claims.name == *name);
     ensure!(
         is_wanted || own.is_empty() || !others.is_empty(),
-        "`{name}` is the only admin of the team: make another one first, `dca team user add NAME --role admin --key KEY`; if somebody \
-         else has the key of `{name}`, `--last-admin` revokes it all the same"
+        "`{name}` is the only admin of the team: first add another admin with `dca team user add NAME --role admin --key KEY`; if another \
+         person has the key of `{name}`, `--last-admin` revokes it nevertheless"
     );
     Ok(())
 }
@@ -99,8 +99,8 @@ pub(super) fn revoke_keys(
         let first = keys.entry(key).or_insert(since);
         *first = since.min(*first);
     }
-    ensure!(keys.len() <= REVOKED_MAX, "no more than {REVOKED_MAX} keys can be revoked");
-    let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
+    ensure!(keys.len() <= REVOKED_MAX, "at most {REVOKED_MAX} keys can be revoked");
+    let number = number.checked_add(1).ok_or_else(|| anyhow!("the numbers for revocations are used up"))?;
     bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?)?;
     Ok(number)
 }
@@ -126,7 +126,9 @@ pub(super) fn with_node<T>(
 pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<(), Failure> {
     let found = with_node(keys, async |client, host| readable(&Databases::through(client, host.to_owned()), own).await);
     match found {
-        Ok(Some(found)) if found.is_empty() => console::note(&format!("the database here has no secret for `{name}`")),
+        Ok(Some(found)) if found.is_empty() => {
+            console::note(&format!("the database of this machine has no secret for `{name}`"));
+        }
         Ok(Some(found)) => {
             console::note(&format!(
                 "`{name}` could read these secrets: change each secret, and put it again for the members that may read it now"
@@ -134,10 +136,10 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
             found.iter().for_each(|key| console::say(key));
         }
         Ok(None) => console::note(&format!(
-            "it is not known here which secrets `{name}` could read: no node runs on this machine. `dca db get` shows the readers of each secret"
+            "cannot list the secrets that `{name}` could read: no node runs on this machine. `dca db get` shows the readers of each secret"
         )),
         Err(Failure::Refused(why) | Failure::Usage(why) | Failure::Unreachable(why)) => {
-            console::note(&format!("it is not known which secrets `{name}` could read: {why:#}"));
+            console::note(&format!("cannot list the secrets that `{name}` could read: {why:#}"));
         }
         Err(failure @ (Failure::Reported | Failure::ReportedUnreachable | Failure::Limited)) => return Err(failure),
     }
@@ -185,7 +187,7 @@ fn take(keyring: &Keyring, bundle: Bundle, held: &[RevokedSet]) -> anyhow::Resul
     }
     let ((_, count), bundle) = keyring.change(bundle.team().name(), |bundle| Ok(add(bundle, held)))?;
     if count > 0 {
-        console::note(&format!("keys that were revoked elsewhere, and are now known here: {count}"));
+        console::note(&format!("learned of {count} keys that were revoked on other machines"));
     }
     Ok(bundle)
 }
@@ -205,7 +207,8 @@ pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Resul
     })?;
     let Some((host, held)) = told else {
         console::note(
-            "No node of the team knows the revocations yet, because no node runs on this machine. Later, `dca team revoke` without a name tells a node.",
+            "No node of the team knows the revocations yet, because no node runs on this machine. Later, `dca team revoke` without a name \
+             tells a node.",
         );
         return Ok(());
     };

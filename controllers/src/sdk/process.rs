@@ -60,8 +60,8 @@ use team::program::ProgramIdentity;
 use thiserror::Error;
 
 const USAGE: &str = "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node
-       PROGRAM --list              the controller types it offers
-       PROGRAM --dca-interface     their interfaces, as `module` blocks";
+       PROGRAM --list              lists the controller types of this program
+       PROGRAM --dca-interface     prints the interfaces of these types, as `module` blocks";
 
 /// Why a program cannot start as a controller.
 #[derive(Debug, Error)]

@@ -66,30 +66,30 @@ const SIGXFSZ: i32 = 25;
 
 /// The text of `--help`.
 const HELP: &str = "\
-The parent of one program that a node has started: holds it back until it is to run, keeps its output, reports how it ends
-and leaves nothing of it behind. Nodes start it; there is no use for it by hand.
+Starts one program for a node. Holds the program back until it may run, stores its output, reports
+its end, and then ends all processes that the program has started. Only nodes start this command.
 
 Usage: dca-shim --directory DIR [OPTIONS] -- PROGRAM [ARGUMENTS]
 
 Options:
-  --directory DIR              where output and exit code go
-  --working-directory DIR      the program's working directory
-  --gate none|exec             run the program at once, or when standard input says `go`
-  --agent-loss keep|N          goes on without a node, or how long it has to stop when the node is gone, in ms
-  --watchdog MS                ends it when it gives no sign of life for so long (sd_notify(3): WATCHDOG=1)
-  --ready-within MS            ends it when it is not ready after so long (READY=1)
-  --secret N                   word N of the command ends with the path of a file in memory; its content comes
-                               first on standard input: four bytes of length, the lowest first, and itself
-  --environment NAME=VALUE     a variable of its environment; may be given more than once. A variable DCA_ENV_NAME of the
-                               shim is one, too; it has no others
+  --directory DIR              the folder for the output and the exit code
+  --working-directory DIR      the working directory of the program
+  --gate none|exec             start the program at once, or after `go` on standard input
+  --agent-loss keep|N          continue without a node, or stop the program within N ms after the node is gone
+  --watchdog MS                end the program if it gives no sign of life for this time (sd_notify(3): WATCHDOG=1)
+  --ready-within MS            end the program if it is not ready after this time (READY=1)
+  --secret N                   end word N of the command with the path of a file in memory. Standard input begins with
+                               the content of this file: four bytes with its length, the lowest first, then the bytes
+  --environment NAME=VALUE     a variable of the program; may be given more than once. A variable DCA_ENV_NAME of the
+                               shim is also passed on, as NAME. The program gets no other variables
   --memory BYTES  --cpu-s S  --cpu-share THOUSANDTHS  --pids N  --files N  --file-size BYTES  --nice N
   --realtime P  --realtime-optional P
-                               what it may use
+                               limits and priorities of the program
   --sandbox none|standard  --user UID:GID[:GID...]
-                               its rights, and as whom it runs
+                               the rights of the program, and the user and groups of its process
   --judged folder|hash:STAMP:PATH
-                               the only file that may run, as the node has judged it
-  --sandbox-levels             what the sandbox takes besides, where the kernel has it: landlock, seccomp
+                               the only executable that may run, as the node has checked it
+  --sandbox-levels             print the optional parts of the sandbox that this kernel has: landlock, seccomp
   -h, --help                   this text
   -V, --version                the version";
 

@@ -51,7 +51,7 @@ pub const TEAM: &str = "dca";
 /// How many peers are remembered after they were heard.
 const HEARD_MAX: usize = 1024;
 /// The refusal of a watcher of local keys.
-const NO_NEWS: &str = "what is below `local/` can be read and written, not watched";
+const NO_NEWS: &str = "keys below `local/` can be read and written, but not watched";
 /// About how many bytes of keys and values go into one reply.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 

@@ -79,7 +79,7 @@ pub enum Refusal {
     #[error("the signed payload is not a request that needs a signature")]
     Unreadable,
     /// The signature is for another action.
-    #[error("it is signed to {signed}, and asks to {asked}")]
+    #[error("the request is signed to {signed}, but asks to {asked}")]
     Action {
         /// The signed action.
         signed: Action,
@@ -87,10 +87,10 @@ pub enum Refusal {
         asked: Action,
     },
     /// The call of a program differs from the signed call.
-    #[error("another call was signed than the one that has come")]
+    #[error("the received call is not the signed call")]
     OtherCall,
     /// The order differs from the signed request.
-    #[error("what `{0}` orders is not what was signed")]
+    #[error("the order of `{0}` differs from the signed request")]
     Altered(String),
     /// The epoch of the order is outdated.
     #[error("it is of epoch {found}, but epoch {known} is known")]
@@ -119,7 +119,7 @@ fn hint(why: &request::Refusal) -> &'static str {
     match why {
         request::Refusal::Trust(TrustError::Role { .. }) => "; an admin gives roles with `dca team user add`",
         request::Refusal::Trust(TrustError::Expired(_)) => " with `dca team user add`, then `dca team import`",
-        request::Refusal::Trust(TrustError::Revoked(_)) => "; its owner makes another one, and an admin adds that",
+        request::Refusal::Trust(TrustError::Revoked(_)) => "; its owner makes a new key, and an admin adds the new key",
         request::Refusal::Late(_) | request::Refusal::NotYet => "; compare the clocks with `dca clock`",
         request::Refusal::Ahead(_) => {
             ": compare the clocks with `dca clock`; if they are right, the file `number` in the folder with your keys is damaged: \

@@ -220,7 +220,9 @@ impl Instance {
                     .program
                     .pid
                     .map_or_else(|| "end it there".to_owned(), |pid| format!("end process {pid} there"));
-                return format!("unconfirmed; its stop could not be confirmed: {end}, then what it held is free");
+                return format!(
+                    "unconfirmed; its stop could not be confirmed: {end}, and then the resources of the process are free"
+                );
             }
             Stage::Dead => {
                 return match (&self.failed, &self.program.cause) {

@@ -191,7 +191,7 @@ impl NameServer {
         let is_own = host == self.host && boot == self.boot;
         let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Boot::is_there);
         if !is_own && !is_there {
-            tracing::debug!("the node `{host}` is heard, and not there: it is asked");
+            tracing::debug!("the node `{host}` was heard, but is not listed as present: asking it");
             self.ask_soon(now, host);
         }
     }

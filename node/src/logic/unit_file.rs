@@ -28,28 +28,28 @@ impl UnitFile {
 Description=DCA node {name}
 Documentation=man:dca-node(1)
 After=network.target
-# However often it ends: what runs is without supervision meanwhile.
+# No limit on restarts, because no node supervises the programs until the node runs again.
 StartLimitIntervalSec=0
 
 [Service]
 Type=notify
 ExecStart={command}
-# A node that was killed is started again and takes over the programs, which have gone on meanwhile.
+# After the node was killed, its programs continue. The next node takes them over.
 Restart=always
 RestartSec=200ms
 KillMode=process
-# A control group of the node's own, so that it finds everything its programs start.
+# The node gets its own control group, so that it finds all processes that its programs start.
 Delegate=yes
-# A node on a network is ready once an interface is up, whenever that is.
+# A node on a network is ready only after a network interface is up, and this can take any time.
 TimeoutStartSec=infinity
-# Its programs may take as long to stop as their specs say.
+# Time for the programs to stop: their specs say how long they may take.
 TimeoutStopSec=5min
-# Its loop gives a sign of life three times as often.
+# The node gives a sign of life every 10 s.
 WatchdogSec=30s
 # For programs with `realtime` and `memory` in their specs.
 LimitRTPRIO=99
 LimitMEMLOCK=infinity
-# Sockets and records of what runs, which the next node needs; and the database.
+# Sockets and records of running programs, which the next node needs, and the database.
 RuntimeDirectory=dca
 RuntimeDirectoryMode=0700
 RuntimeDirectoryPreserve=yes

@@ -239,7 +239,10 @@ fn nobody_settles_what_they_have_not_seen() {
     world.away(&[2], false);
     world.run(Duration::from_millis(200));
     let refused = world.ask(0, resolve(Choice::By("r1".into()), &seen));
-    assert!(matches!(&refused, Reply::Refused(why) if why.contains("others than you have seen")), "{refused:?}");
+    assert!(
+        matches!(&refused, Reply::Refused(why) if why.contains("no longer those that you have seen")),
+        "{refused:?}"
+    );
     let refused = world.ask(0, resolve(Choice::By("r1".into()), ""));
     assert!(matches!(&refused, Reply::Refused(why) if why.contains("say which")), "{refused:?}");
     assert_eq!(world.read(0, "team/x").len(), 3, "all of them stand");

@@ -226,8 +226,8 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
     // In the meantime, `dca plan` shows the plan in its probation, and says so.
     let probed = here.ask(&["plan", &file]);
-    let told = "`push@1`, as it will be in revision 1 by ";
-    let stage = "which is in its probation; until then revision 0 is current:\n  keep       4 programs";
+    let told = "`push@1`, revision 1 by ";
+    let stage = "in probation; revision 0 is current until the probation ends:\n  keep       4 programs";
     assert!(probed.code == Some(0) && probed.out.starts_with(told) && probed.out.contains(stage), "{probed}");
     let json = here.ask(&["plan", "--json", &file]);
     let json: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");

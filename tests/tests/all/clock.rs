@@ -46,7 +46,7 @@ fn clocks_are_compared_within_their_bounds_and_a_host_that_does_not_answer_is_to
     let told = clocks(&silent);
     assert_eq!((silent.code, &told["unreachable"]), (Some(3), &serde_json::json!(["c2"])), "{silent}");
     assert_eq!(told["clocks"][0]["host"], "c1", "{silent}");
-    assert!(silent.err.contains("`c2` could not be asked"), "{silent}");
+    assert!(silent.err.contains("`c2` did not answer"), "{silent}");
     c2.signal(Signal::CONT);
     check(&here, &["c1", "c2"]);
 }

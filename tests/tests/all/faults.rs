@@ -86,7 +86,7 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
     let again = here.ask(&["deploy", "--no-record", &file]);
     assert!(again.code == Some(1) && again.out.contains("could not be ended and may still run"), "{again}");
     let status = here.ask(&["status"]);
-    assert!(status.out.contains("stuck@1  unconfirmed on  c1 (it could not end everything)"), "{status}");
+    assert!(status.out.contains("stuck@1  unconfirmed on  c1 (it could not end all its programs)"), "{status}");
     drop(freezer);
     wait_until(SOON, || here.ask(&["status"]).out.starts_with("nothing is deployed")).expect("it has ended after all");
     let again = here.dca(&["deploy", "--no-record", &file]);
@@ -116,11 +116,14 @@ process main() {
     wait_until(SOON, || here.pids().contains_key("main/a")).expect("it runs");
     let frozen = here.pids()["main/a"];
     freezer.freeze(frozen);
-    let waits = "the stop of `main/a` on `c1` could not be confirmed, and it may still use it";
+    let waits = "the stop of `main/a` on `c1` could not be confirmed, and `main/a` may still use this";
     let is_told = || here.ask(&["status"]).out.contains(waits);
     wait_until(2 * SOON, is_told).unwrap_or_else(|| panic!("{}", here.ask(&["status"])));
     let status = here.ask(&["status"]);
-    assert!(status.out.contains(&format!("end process {frozen} there, then what it held is free")), "{status}");
+    assert!(
+        status.out.contains(&format!("end process {frozen} there, and then the resources of the process are free")),
+        "{status}"
+    );
     let events = here.ask(&["events"]);
     assert!(events.out.contains(waits) && !here.pids().contains_key("main/c"), "{events}");
     drop(freezer);
@@ -220,7 +223,7 @@ fn two_hosts_that_a_third_reaches_are_not_lost() {
             hosts.network.set(1, "route add blackhole 10.77.0.2/32");
         }
         for (node, other) in [(0, "c2"), (1, "c1")] {
-            let told = format!("the node `{other}` does not answer itself; `c3` reaches it and passes messages on");
+            let told = format!("the node `{other}` does not answer directly; `c3` reaches it and passes messages on");
             hosts.nodes[node].wait_for(Stream::Err, &told, SOON);
         }
         dca_tests::cluster::pass(2 * LOST_AFTER);
@@ -300,7 +303,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
         "{ended}"
     );
     assert!(goes_on.is_running() && kept.is_running(), "what runs on one of them goes on");
-    node.wait_for(Stream::Err, "`few@1` also runs on another node of this one's name", SOON);
+    node.wait_for(Stream::Err, "`few@1` also runs on another node with the name of this node", SOON);
     namesake.wait_for(Stream::Err, "it is ended here", SOON);
     // A third host works with one of them, and knows both.
     let third_node = other.node("c2", &["--lan"]);

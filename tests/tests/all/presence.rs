@@ -60,7 +60,7 @@ fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
             let Some(heard) = heard else { continue };
             // This includes a node that is reached through the third node.
             let listed = first(&log, heard, |line| {
-                ["is there:", "was started again:", "does not answer itself;"]
+                ["is there:", "was started again:", "does not answer directly;"]
                     .iter()
                     .any(|what| line.contains(&format!("`{other}` {what}")))
             });
@@ -199,7 +199,7 @@ fn a_second_node_of_a_name_does_not_disturb_a_mission() {
         let ended = hosts.host(4).start_node("c2", &["--lan"]).ended(SOON);
         assert!(ended.code == Some(1) && ended.err.contains("another node called `c2` was there first"), "{ended}");
     }
-    let told = "another node has this one's name, and is not dealt with";
+    let told = "ignoring another node that has the name of this node";
     hosts.nodes[1].wait_for(Stream::Err, told, SOON);
     hosts.nodes[0].wait_for(Stream::Err, "a second node called `c2`", SOON);
     // This is longer than the time for losing a node.
@@ -262,7 +262,7 @@ fn a_forged_token_does_not_disturb_a_mission() {
         });
     });
     forging.join().expect("the forger does not panic");
-    hosts.nodes[0].wait_for(Stream::Err, "the node `c2` is heard, and not there", SOON);
+    hosts.nodes[0].wait_for(Stream::Err, "the node `c2` was heard, but is not listed as present", SOON);
     // This is longer than the time for losing a node.
     pass(Duration::from_secs(6));
     undisturbed(&hosts, mission);

@@ -259,7 +259,7 @@ fn a_member_writes_for_itself_and_only_what_it_may() {
         let told = wait_until(2 * SOON, || robbed.refusals(1).iter().any(|line| line.contains(why)));
         assert!(told.is_some(), "{why}: {:#?} {}", robbed.refusals(1), robbed.host(1).ask(&["db", "status"]));
     };
-    refused("speak as `c2`|`c3` speaks as `c2` to the database");
+    refused("speak as `c2`|`c3` uses the name of `c2` in messages to the database");
     refused("`c2` has not signed a transaction in its name");
     refused("`c3` retires `c2`, whose key is not revoked");
     refused("is admitted without a claim of its own");

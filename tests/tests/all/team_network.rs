@@ -372,7 +372,7 @@ fn a_user_does_what_the_role_says() {
         assert!(ended.err.contains(part), "{ended}");
     };
     let key = desk.ask(&with(&["team", "key"], &own));
-    refused(deploy(), "have the operator run `dca team export`");
+    refused(deploy(), "ask the operator to run `dca team export`");
     let give = |role: &str| {
         let add = ["team", "user", "add", "dan", "--role", role, "--key", key.out.trim()];
         assert_eq!(operator.ask(&with(&add, &team.keys)).code, Some(0));

@@ -231,7 +231,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     };
     at.signed_refused(dan.sign_with(&write(), "c2", past), "s too late; compare the clocks");
     let as_look = |it: &mut request::Request| it.action = Action::Watch;
-    at.signed_refused(dan.sign_with(&stop(), "c2", as_look), "it is signed to look, and asks to stop");
+    at.signed_refused(dan.sign_with(&stop(), "c2", as_look), "the request is signed to look, but asks to stop");
     let mut altered = dan.sign(&stop(), "c2");
     altered.body = codec::encode(&Request::Stop { name: "tent".into() }).expect("it is short");
     at.signed_refused(altered, "the body is not the one that was signed");
@@ -419,7 +419,7 @@ fn a_home_that_lies_starts_nothing() {
     let good = dan.sign(&deploy(), "c1");
     let mut altered = plan();
     altered.leaves.iter_mut().for_each(|leaf| leaf.exec = Some("touch /stolen".into()));
-    liar.refused(1, rejoin(altered.clone(), &good), "what `c1` orders is not what was signed");
+    liar.refused(1, rejoin(altered.clone(), &good), "the order of `c1` differs from the signed request");
     let mut body = good.clone();
     body.body =
         codec::encode(&Request::Deploy { request: 7, plan: altered, by: String::new(), start: Default::default() })

@@ -305,9 +305,9 @@ fn a_file_that_is_no_record_is_not_served() {
     let cluster = Cluster::new();
     let here = cluster.here();
     for (name, text, why) in [
-        ("text", "process main() {}", "it does not begin as a record"),
-        ("empty", "", "it does not begin as a record"),
-        ("cut", "\u{89}", "it does not begin as a record"),
+        ("text", "process main() {}", "it does not begin like a record"),
+        ("empty", "", "it does not begin like a record"),
+        ("cut", "\u{89}", "it does not begin like a record"),
     ] {
         let file = cluster.file(name, text);
         let refused = here.ask(&["replay", &file, "--foxglove", "127.0.0.1:0"]);

@@ -167,7 +167,7 @@ fn a_view_goes_on_through_another_node_of_its_machine() {
     first.signal(Signal::KILL);
     let done = page.ask("POST /estop", &fields, "{}");
     assert!(done.contains("c2: stopped; no program runs"), "{done}");
-    let seen = read_until(&mut stream, "everything is heard through `c2` now");
+    let seen = read_until(&mut stream, "all data now comes through `c2`");
     assert!(!seen.contains("\"robot\":\"c2\""), "`c2` was never gone: {seen}");
     let done = page.ask("POST /release", &fields, "{}");
     assert!(done.contains("c2: "), "{done}");

@@ -97,7 +97,7 @@ fn a_record_without_its_end_says_so() {
     assert!(data_end > 0 && Run::from_bytes(&bytes).unwrap().damage.is_none());
     let expect_told = |bytes: &[u8], what: &str| {
         let run = Run::from_bytes(bytes).unwrap();
-        let told = run.damage.is_some_and(|damage| damage.contains("all entries are there, but the end of the file"));
+        let told = run.damage.is_some_and(|damage| damage.contains("all entries are intact, but the end of the file"));
         assert!(told && run.entries == entries(), "{what}");
     };
     for length in data_end..bytes.len() {

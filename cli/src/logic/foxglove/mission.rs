@@ -270,7 +270,7 @@ fn state_schema() -> Value {
             "state": text("the state, as `dca status` prints it"),
             "health": text("`running`, `quiet`, `changing`, `failed` or `unknown`"),
             "since": number("when this state began, in seconds since 1970"),
-            "is_exact": truth("whether an event has told when; else the state began then or before"),
+            "is_exact": truth("whether `since` is exact: otherwise, the state began at this time or earlier"),
             "host": text("the host"), "pid": number("the process id; 0 if there is none"),
             "restarts": number("how often the program was started again"),
         },
@@ -280,10 +280,10 @@ fn state_schema() -> Value {
         "type": "object",
         "properties": {
             "deployment": text("name and number"), "home": text("the host of `main`"),
-            "command": number("the process id of the command that its nodes are inside of; 0 if they stay"),
-            "phase": text("the phase, or how it has ended"), "ended": truth("whether it is over"),
-            "failed": truth("whether it has failed"),
-            "since": number("when it began or ended, in seconds since 1970; 0 if that is not known"),
+            "command": number("the process id of the command that contains the nodes; 0 if the nodes are separate programs"),
+            "phase": text("the phase, or how the deployment has ended"), "ended": truth("whether the deployment has ended"),
+            "failed": truth("whether the deployment has failed"),
+            "since": number("when the deployment began or ended, in seconds since 1970; 0 if this is not known"),
             "processes": { "type": "array", "items": process },
         },
     })

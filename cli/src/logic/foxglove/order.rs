@@ -97,21 +97,22 @@ pub(super) fn services() -> [(&'static str, Value, Value, Target); 2] {
     let object = |properties: Value| json!({ "type": "object", "properties": properties });
     let stop = object(json!({ "deployment": text("NAME, or NAME@NUMBER for one run of it") }));
     let stopped = object(json!({
-        "confirmed": truth("whether every host has confirmed that nothing of it is left"),
-        "stopped": truth("whether it has ended, as far as its home knows"),
-        "unconfirmed": texts("the hosts that have not confirmed it"),
-        "may_go_on": texts("the work outside of its programs that may go on"),
-        "text": text("the same as a sentence"),
+        "confirmed": truth("whether every host has confirmed that nothing of the deployment is left"),
+        "stopped": truth("whether the deployment has ended, as far as its home knows"),
+        "unconfirmed": texts("the hosts that have not confirmed this"),
+        "may_go_on": texts("the work that may continue outside of the programs of the deployment"),
+        "text": text("the result as a sentence"),
     }));
     let estop = object(json!({
         "reason": text("the reason, shown to every user"),
         "release": truth("let programs begin again, instead of stopping"),
     }));
-    let host = object(json!({ "host": text("the host"), "stopped": truth("whether it has confirmed it") }));
+    let host =
+        object(json!({ "host": text("the host"), "stopped": truth("whether the host has confirmed the order") }));
     let estopped = object(json!({
-        "confirmed": truth("whether every known host has confirmed it"),
+        "confirmed": truth("whether every known host has confirmed the order"),
         "hosts": { "type": "array", "items": host },
-        "text": text("the same as a sentence"),
+        "text": text("the result as a sentence"),
     }));
     [("/dca/stop", stop, stopped, Target::Stop), ("/dca/estop", estop, estopped, Target::Estop)]
 }

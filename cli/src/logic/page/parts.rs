@@ -52,7 +52,7 @@ pub(super) fn head(run: &Run, mission: &Mission) -> String {
         }
     }
     if let Some(damage) = &run.damage {
-        alarm(&format!("the record is not whole: {damage}"));
+        alarm(&format!("the record is not complete: {damage}"));
     }
     text
 }

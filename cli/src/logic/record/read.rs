@@ -59,7 +59,7 @@ impl Run {
         if bytes.starts_with(mcap::MAGIC) {
             reading.all();
         } else {
-            reading.tell("it does not begin as a record".to_owned());
+            reading.tell("it does not begin like a record".to_owned());
         }
         reading.date();
         let damage = reading.damage();
@@ -127,13 +127,14 @@ impl RecordReader<'_> {
             Next::Whole(part) => self.part(&part),
             Next::Damaged(Range { start, end }) => {
                 self.tell(match start {
-                    0 => format!("a byte before byte {end} is damaged, outside of the record"),
+                    0 => format!("a byte before byte {end} is damaged, but it is not a part of the record"),
                     _ => format!("bytes {start} to {end} are damaged and left out"),
                 });
             }
-            Next::Cut(at) => self.tell(format!("it ends at byte {at}, before its end was written")),
+            Next::Cut(at) => self.tell(format!("the record breaks off at byte {at}: its end was never written")),
             Next::EndLost(at) => self.tell(format!(
-                "all entries are there, but the end of the file behind byte {at} is cut or damaged, and other readers may refuse it"
+                "all entries are intact, but the end of the file after byte {at} is missing or damaged, so other programs may refuse the \
+                 file"
             )),
             Next::End => {}
         }

@@ -43,7 +43,7 @@ impl Timeline {
     /// The bytes are not a record, or they contain no intact message.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
         if !bytes.starts_with(mcap::MAGIC) {
-            return Err(ReadError::Foreign("it does not begin as a record".to_owned()));
+            return Err(ReadError::Foreign("it does not begin like a record".to_owned()));
         }
         let mut reading = Reading::default();
         parts::each(bytes, |next| match next {

@@ -20,19 +20,19 @@ const HELP: [(&str, &str); 16] = [
     ("1 to 6, Tab", "go to another page"),
     ("Up, Down, k, j", "move the cursor by a row"),
     ("PageUp, PageDown", "move the cursor by a page"),
-    ("Home, End, g, G", "go to the first or last row; the last event is followed"),
-    ("/", "show only rows with a text; Enter keeps it, Escape ends it"),
+    ("Home, End, g, G", "go to the first or last row; from the last row, the page follows new events"),
+    ("/", "show only rows with a text; Enter keeps this filter, Escape removes it"),
     ("Enter, l", "page Processes: show the output of this process"),
     ("Enter, a", "page Questions: answer this question"),
     ("E", "stop everything on all robots at once, after a question"),
     ("R", "let programs begin again, after a question"),
     ("?, Ctrl-L", "this help; draw everything again"),
-    ("q, Ctrl-C", "leave; what runs goes on"),
+    ("q, Ctrl-C", "leave; all missions continue"),
     ("", ""),
     ("", "Page Wires measures the rate of the wire under the cursor. Other rates are not"),
     ("", "measured, since a measured output sends its values to this terminal."),
     ("", ""),
-    ("", "SINCE with `>`: no event tells the moment, so it was at this time or before."),
+    ("", "SINCE with `>`: the exact time is not known; it is this time or earlier."),
 ];
 
 /// Draws everything. `time` is the time of day, since 1970.

@@ -13,7 +13,7 @@ pub(super) fn exports(exports: &mut Exports<DoorWorld>) {
     states(exports);
     exports.procedure(
         "Reset",
-        "Puts the simulated robot and its door back to where they began. Refused while somebody holds a device.",
+        "Moves the simulated robot and its door back to their start. Refused while a client holds a device.",
         |world: &mut DoorWorld, ()| world.reset(),
     );
 }

@@ -270,7 +270,7 @@ impl<T: Message> QueueClient<T> {
     /// If too many messages are in transit, or the data is too long.
     pub fn send_encoded(&mut self, now: Time, message: EncodedMessage, within: Duration) -> Result<u64, String> {
         if self.sending.len() >= SENDING_MAX {
-            return Err(format!("{SENDING_MAX} messages are already being sent"));
+            return Err(format!("{SENDING_MAX} messages are already on their way; send fewer at a time"));
         }
         let id = self.numbering.next();
         let message = message.numbered(id, &self.sender)?;

@@ -67,6 +67,7 @@ impl Promises {
 
 fn not_for_good(name: &str, host: &str, why: &str) -> String {
     format!(
-        "`{name}` does not begin while this node runs, but it may after a reboot: host `{host}` cannot write down that it was stopped: {why}"
+        "`{name}` does not begin while this node runs, but may begin after a reboot: host `{host}` cannot store that `{name}` was \
+         stopped: {why}"
     )
 }

@@ -198,11 +198,13 @@ impl Changes {
         }
         if self.revision != request.revision {
             let by = &self.by;
-            return Err(vec![format!("{by} has changed `{name}` meanwhile; `dca plan` shows what it is now")]);
+            return Err(vec![format!(
+                "in the meantime, {by} has changed `{name}`; `dca plan` shows its present state"
+            )]);
         }
         if let Some((host, part)) = mission.hosts.iter().find(|(_, part)| !part.takes_part()) {
             return Err(vec![if part.comes_back() {
-                format!("host `{host}` is just about to take part again: try again once it does")
+                format!("host `{host}` is about to take part again; try again later")
             } else {
                 format!("host `{host}` is lost, so nothing can be changed on it")
             }]);
@@ -398,7 +400,7 @@ impl Changes {
         let late = change.awaited.iter().map(|host| format!("host `{host}` did not answer in time"));
         let reason = late.collect::<Vec<_>>().join("; ");
         if change.is_undoing() && change.step != Step::Examining {
-            change.reasons.push(format!("{reason}, so it is not known whether all of it was taken back"));
+            change.reasons.push(format!("{reason}, so it is not known whether the change was completely taken back"));
             return self.changed(mission, out);
         }
         self.take_back(mission, reason, out);

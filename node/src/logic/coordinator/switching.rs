@@ -33,7 +33,7 @@ impl Switches {
         out: &mut Out<'_>,
     ) -> Result<(), String> {
         if self.0.len() >= CALLS_MAX {
-            return Err("too many switches are asked for at this moment".to_owned());
+            return Err("too many switches of connections are already in progress; try again later".to_owned());
         }
         let plan = &mission.plan;
         let (group, slot) = member(plan, &request.process)?;
@@ -74,7 +74,8 @@ impl Switches {
         let now = out.now;
         for (call, _) in self.0.extract_if(.., |_, until| *until <= now) {
             let within = ANSWER_WITHIN.as_secs();
-            let why = format!("the supervisor did not answer within {within} s; whether it was switched is not known");
+            let why =
+                format!("the supervisor did not answer within {within} s; the connections may have been switched");
             out.answer_last(call, Answer::Switched(Err(why)));
         }
     }

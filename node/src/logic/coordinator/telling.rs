@@ -42,7 +42,7 @@ impl Orders {
         out: &mut Out<'_>,
     ) -> Result<(), Delivery> {
         if self.0.len() >= CALLS_MAX {
-            return Err(Delivery::Refused(format!("{CALLS_MAX} orders wait for an answer at this moment")));
+            return Err(Delivery::Refused(format!("{CALLS_MAX} orders already wait for an answer; try again later")));
         }
         let (group, path, chart) = activity(&mission.plan, &request.process).map_err(Delivery::Refused)?;
         check(chart, &path, &request.order).map_err(Delivery::Refused)?;
@@ -74,11 +74,11 @@ impl Orders {
         let now = out.now;
         self.0.retain(|call, Handed { path, host, until }| {
             let why = if mission.is_lost(host) {
-                format!("it was handed to host `{host}`, which is lost; `{path}` has not confirmed it")
+                format!("the order was sent to host `{host}`, which is lost; `{path}` has not confirmed the order")
             } else if *until <= now {
                 let within = CONFIRM_WITHIN.as_secs();
                 format!(
-                    "it was handed to host `{host}`, and `{path}` has not confirmed it within {within} s; it may still arrive"
+                    "the order was sent to host `{host}`, and `{path}` has not confirmed it within {within} s; the order may still arrive"
                 )
             } else {
                 return true;

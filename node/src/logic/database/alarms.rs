@@ -78,7 +78,7 @@ pub(super) fn words(alarm: &Alarm, members: &Members, team: &str) -> String {
             format!("{} has passed on a write that is not permitted: {why}", robot(from))
         }
         Alarm::Rejoining { from } => {
-            format!("this replica has given up the name {from}, and goes on under another one")
+            format!("this replica has given up the name {from}, and now uses another name")
         }
     }
 }

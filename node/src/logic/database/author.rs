@@ -22,5 +22,7 @@ pub(super) fn check(members: &Members, envelope: &Envelope, author: &str) -> Res
     };
     let known = members.robot(envelope.from);
     let other = [known, said].into_iter().flatten().find(|robot| *robot != author);
-    other.map_or(Ok(()), |robot| Err((robot.to_owned(), format!("`{author}` speaks as `{robot}` to the database"))))
+    other.map_or(Ok(()), |robot| {
+        Err((robot.to_owned(), format!("`{author}` uses the name of `{robot}` in messages to the database")))
+    })
 }

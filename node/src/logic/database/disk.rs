@@ -83,7 +83,7 @@ impl Disk {
 fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
     match effect {
         Effect::AnswerCaller(call, Reply::Committed(_) | Reply::Done(_)) => {
-            let unknown = Reply::Unknown(format!("it may not have been written: {why}"));
+            let unknown = Reply::Unknown(format!("the write may be missing: {why}"));
             vec![Effect::AnswerCaller(call, unknown), Effect::End(call)]
         }
         Effect::AnswerCaller(_, Reply::Notification(_) | Reply::Version(_)) => vec![],

@@ -129,7 +129,7 @@ impl<'a> Readable<'a> {
         match moment {
             AsOf::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
             AsOf::Version(_) | AsOf::Date(_) | AsOf::On(_) if prefix.starts_with(LOCAL) => {
-                Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
+                Err("keys below `local/` have no history; only their present values can be shown".to_owned())
             }
             AsOf::Now | AsOf::Version(_) | AsOf::Date(_) | AsOf::On(_) => {
                 self.at(moment, prefix).map_err(|why| why.to_string())
@@ -184,8 +184,8 @@ impl<'a> Readable<'a> {
             return Reply::Refused(format!("nothing was written: `{key}` has neither a conflict nor a value"));
         }
         Reply::Refused(format!(
-            "nothing was written: there is no conflict at `{key}`, and it holds something else; `dca db get {key}` shows it, `dca \
-             db put` changes it"
+            "nothing was written: `{key}` has no conflict, and has another value; `dca db get {key}` shows the value, and `dca db put` \
+             changes it"
         ))
     }
 
@@ -194,8 +194,11 @@ impl<'a> Readable<'a> {
         let Resolve { key, choice, reason, level, within, seen } = resolve;
         let versions = self.replica.state().versions(key);
         if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {
-            let what =
-                if seen.is_empty() { "say which writes you have seen" } else { "there are others than you have seen" };
+            let what = if seen.is_empty() {
+                "say which writes you have seen"
+            } else {
+                "the writes are no longer those that you have seen"
+            };
             return Err(Reply::Refused(format!(
                 "nothing is settled: {what}; `dca db conflicts {key}` lists those at `{key}`, with the value for `--seen`"
             )));
@@ -204,9 +207,9 @@ impl<'a> Readable<'a> {
         let pick = |found: Vec<&Version>, what: &str| match found.as_slice() {
             [version] => Ok(version.value.clone()),
             [] => {
-                Err(Reply::Refused(format!("no write {what} stands at `{key}`; `dca db conflicts {key}` lists them")))
+                Err(Reply::Refused(format!("`{key}` has no write {what}; `dca db conflicts {key}` lists the writes")))
             }
-            _ => Err(Reply::Refused(format!("several writes {what} stand at `{key}`; name the transaction"))),
+            _ => Err(Reply::Refused(format!("`{key}` has several writes {what}; name the transaction"))),
         };
         let value = match choice {
             Choice::Value(value) => value.clone(),

@@ -20,7 +20,9 @@ impl Database {
                     if self.replica.members().is_active(origin) {
                         return Reply::Refused(self.why_not_retired(&member, origin));
                     }
-                    Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
+                    Reply::Done(format!(
+                        "`{member}` ({origin}) is retired; the writes that other robots have received stay"
+                    ))
                 }
                 Err(why) => Reply::Refused(why),
             };
@@ -32,7 +34,7 @@ impl Database {
         }
         if question == Question::HealClock {
             self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
-            return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
+            return Reply::Done("new writes get dates in a new epoch, after all wrong dates".to_owned());
         }
         if let Question::Join { robot } = question {
             if self.teams().gives_way_to(now, &robot) {
@@ -104,8 +106,8 @@ impl Database {
             _ if names.len() == 1 => Ok(Vec::new()),
             Some(present) => Ok(names.into_iter().filter(|origin| *origin != present).collect()),
             None => Err(format!(
-                "`{robot}` is not heard now, so nobody knows which of its names is the present one; ask again when it is there, \
-                 or retire one by its digits"
+                "`{robot}` does not answer now, so its present name is not known; ask again when the robot answers, or retire one of its \
+                 names by the digits"
             )),
         }
     }
@@ -113,13 +115,13 @@ impl Database {
     fn why_not_retired(&self, member: &str, origin: ReplicaId) -> String {
         if self.replica.is_member() && !self.replica.may_retire(origin) {
             return format!(
-                "`{member}` has a key that is not revoked: `dca team revoke` on it retires it, too; what a robot was called before it retires \
-                 itself, by `dca db retire ROBOT --older` there"
+                "the key of `{member}` is not revoked; to retire the robot, run `dca team revoke`; to retire only its older names, run \
+                 `dca db retire ROBOT --older` on that robot"
             );
         }
         if self.replica.is_member() {
             return format!(
-                "`{member}` has written what this robot cannot read: upgrade DCA on it, or ask another member"
+                "this robot cannot read some writes of `{member}`: upgrade DCA on this robot, or ask another member"
             );
         }
         format!(

@@ -59,7 +59,7 @@ impl Teams<'_> {
         let Place { robot, team, .. } = self.place;
         if !self.replica.is_member() {
             let is_alone = !self.heard.values().any(|heard| heard.member);
-            let note = "belongs to no team yet, so this stays on it until it joins one; `dca db status` says how";
+            let note = "belongs to no team yet, so this write stays on the robot until it joins a team; `dca db status` says how";
             return is_alone.then(|| format!("`{robot}` {note}"));
         }
         let others = self.others(now);
@@ -89,7 +89,7 @@ impl Teams<'_> {
             return Err(format!("`{own}` belongs to no team; it joins `{team}` by itself when it hears a member"));
         }
         self.other.replica(now, robot).ok_or_else(|| {
-            format!("`{own}` has not heard of late that `{robot}` belongs to another team `{team}`; `dca db status` lists those")
+            format!("`{own}` has no recent message of a robot `{robot}` of another team `{team}`; `dca db status` lists such robots")
         })
     }
 }

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 /// The prefix of the keys that never leave the robot.
 pub(super) const LOCAL: &str = "local/";
 /// The refusal of local keys for a caller on another machine.
-const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
+const ELSEWHERE: &str = "keys below `local/` can be read and written only on the robot's own machine";
 
 /// Returns why a transaction cannot reach the level asked for, if a replica that it would have to reach is not
 /// there.
@@ -21,7 +21,8 @@ pub(super) fn out_of_reach(replica: &Replica, own: &str, level: &AckLevel) -> Op
     match level {
         AckLevel::Local | AckLevel::Everywhere => None,
         AckLevel::On(_) | AckLevel::Replicated(_) if !replica.is_member() => Some(format!(
-            "nothing was written: `{own}` belongs to no team yet, so it cannot get to others; `dca db status` says how"
+            "nothing was written: `{own}` belongs to no team yet, so the write cannot reach other robots; `dca db status` says how to \
+             join a team"
         )),
         AckLevel::On(robots) => {
             let known = |robot: &&String| *robot == own || others.contains(robot.as_str());
@@ -32,7 +33,7 @@ pub(super) fn out_of_reach(replica: &Replica, own: &str, level: &AckLevel) -> Op
             let there = u64::try_from(others.len()).unwrap_or(u64::MAX);
             (u64::from(*count) > there).then(|| {
                 let robots = counted(there, "robot");
-                format!("nothing was written: the team has {robots} besides `{own}`, so it cannot get to {count}")
+                format!("nothing was written: the team has {robots} besides `{own}`, so the write cannot reach {count} robots")
             })
         }
     }

@@ -39,9 +39,9 @@ pub fn status(status: &Status) -> String {
 fn second_team(status: &Status) -> String {
     let (team, robots) = (&status.team, status.other_team.join("`, `"));
     format!(
-        "! A second team `{team}` was begun apart from this one. To it belong: `{robots}`.\n  Neither team has what the other \
-         writes. Choose the one that gives way; then each of its robots joins the other:\n  `dca db join ROBOT-OF-THE-OTHER \
-         --robot ROBOT`. What was written comes along."
+        "! There is a second team `{team}`, which was begun separately. Its members: `{robots}`.\n  The teams do not exchange their \
+         writes. Choose the team to give up. Each of its robots has to join the other team:\n  `dca db join ROBOT-OF-THE-OTHER \
+         --robot ROBOT`. The robots keep their writes."
     )
 }
 
@@ -53,8 +53,8 @@ fn headline(status: &Status) -> String {
     }
     if !status.member {
         return format!(
-            "`{robot}` belongs to no team yet. What is written stays on it, and goes along when it joins one.\nIt joins \
-             the first member of `{team}` that it hears; if there is none, `dca db found` begins the team here."
+            "`{robot}` belongs to no team yet. Its writes stay on this robot, and reach a team when the robot joins it.\nThe robot joins \
+             the first member of `{team}` that it hears; if there is no member, `dca db found` begins the team here."
         );
     }
     let behind =
@@ -62,7 +62,7 @@ fn headline(status: &Status) -> String {
     let with = status.members.len() - 1;
     match (with, behind) {
         (0, _) => format!("team `{team}`: `{robot}` is its only member so far"),
-        (_, 0) => format!("team `{team}`, as `{robot}` sees it: everybody has everything"),
+        (_, 0) => format!("team `{team}`, as `{robot}` sees it: all robots have all writes"),
         (_, behind) => format!("team `{team}`, as `{robot}` sees it: {behind} of {with} peers are behind"),
     }
 }
@@ -84,7 +84,7 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     let pins = if is_older {
         format!("a name from before: `dca db retire {} --older` ends it", member.robot)
     } else if member.pins && !me {
-        "nothing older is forgotten until it is back, or retired".to_owned()
+        "the log keeps older writes until this robot is back or retired".to_owned()
     } else {
         String::new()
     };
@@ -131,7 +131,7 @@ fn facts(status: &Status) -> String {
         (
             "state",
             format!(
-                "{} (robots with the same have the same)",
+                "{} (robots with equal numbers have equal data)",
                 &status.contents.digest[..DIGITS.min(status.contents.digest.len())]
             ),
         ),
@@ -146,7 +146,7 @@ fn clock(quality: &str) -> &str {
         "network" => "kept by the network",
         "satellite" => "kept by a satellite receiver",
         "plausible" => "shows a date that may be right, but is not synchronised: its dates are marked `~`",
-        _ => "not set: its writes are dated by the team's, if that has a date",
+        _ => "not set: its writes get the date of the team's clocks, if they have a date",
     }
 }
 
@@ -248,13 +248,13 @@ mod tests {
               ROBOT  HEARD       CLOCK                  LACKS                                  AHEAD
               r1     this robot  unset                  -                                      -
               r2     1.0 s ago   network                -                                      -
-              r3     12 min ago  unset, 30 days behind  14 (1 KiB), since 2026-11-21 10:00:00  -      nothing older is forgotten until it is back, or retired
+              r3     12 min ago  unset, 30 days behind  14 (1 KiB), since 2026-11-21 10:00:00  -      the log keeps older writes until this robot is back or retired
 
               holds  12 keys, 1 conflict and 2 races: `dca db conflicts` lists them
               log    34 transactions, 4 KiB
-              state  0123456789ab (robots with the same have the same)
+              state  0123456789ab (robots with equal numbers have equal data)
               store  /var/lib/dca/r1/db
-              clock  not set: its writes are dated by the team's, if that has a date"#]]
+              clock  not set: its writes get the date of the team's clocks, if they have a date"#]]
         .assert_eq(&status(&team(members)));
     }
 

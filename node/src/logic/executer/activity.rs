@@ -193,7 +193,7 @@ impl Executer {
     ) -> (MessageFate, Option<Ending>) {
         let PortMessage { port, value, priority, has_receipt, lost, .. } = message;
         if lost > 0 {
-            let text = format!("loses {lost} values at `{port}`: they find no room, or cannot be read");
+            let text = format!("loses {lost} values at `{port}`: its queue was full, or the values could not be read");
             self.tell_of_work(text, context, out);
         }
         let place = self.program.automaton().zip(self.state.chart()).filter(|_| self.run.is_on);

@@ -90,7 +90,7 @@ impl Instance {
     /// started, or [`Note::Unhealthy`].
     pub fn replace(&mut self, next: Start, probation: Duration, context: &mut InstanceContext<'_>) {
         if self.is_unconfirmed() {
-            let why = "what it ran before may still be there".to_owned();
+            let why = "the previous program of the process may still run".to_owned();
             return context.notes.push(Note::Unhealthy(why));
         }
         let before = Some(self.start.clone());
@@ -157,7 +157,7 @@ impl Instance {
         }
         (self.stage, self.program.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
         (self.probation, self.next) = (None, None);
-        context.notes.push(Note::Unhealthy("the program before could not be ended".to_owned()));
+        context.notes.push(Note::Unhealthy("the previous program could not be ended".to_owned()));
         self.finish(Ending::Unconfirmed, context);
     }
 
@@ -203,7 +203,7 @@ impl Instance {
         }
         let Some(before) = self.probation.as_mut().and_then(|probation| probation.before.take()) else {
             let is_returning = self.probation.take().is_some();
-            let why = || format!("the program before, which was started again, is not well either: {cause}");
+            let why = || format!("the previous program was started again, and has failed too: {cause}");
             context.notes.extend(is_returning.then(|| Note::Unhealthy(why())));
             return false;
         };

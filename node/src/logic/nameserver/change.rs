@@ -85,22 +85,25 @@ impl fmt::Display for Change {
             Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
             Self::Lost { host } => write!(f, "the node `{host}` is lost: it did not answer for {}", span(LOST_AFTER)),
             Self::Detour { host, via, .. } => {
-                write!(f, "the node `{host}` does not answer itself; `{via}` reaches it and passes messages on")
+                write!(f, "the node `{host}` does not answer directly; `{via}` reaches it and passes messages on")
             }
             Self::Refused { host, place, first } => write!(
                 f,
-                "a second node called `{host}` ({place}) is not dealt with: the first one ({first}) is there; give the \
-                 second another name with `dca-node --name`"
+                "ignoring a second node called `{host}` ({place}), because the first node ({first}) still runs; give the second node \
+                 another name with `dca-node --name`"
             ),
             Self::Namesake { place, elder: true } => {
-                write!(f, "another node has this one's name, and was there first: {place}")
+                write!(f, "another node has the name of this node, and was here first: {place}")
             }
             Self::Twice { deployment, place, keeps } => {
                 let ends = if *keeps { "there" } else { "here" };
-                write!(f, "`{deployment}` also runs on another node of this one's name ({place}): it is ended {ends}")
+                write!(
+                    f,
+                    "`{deployment}` also runs on another node with the name of this node ({place}): the deployment is ended {ends}"
+                )
             }
             Self::Namesake { place, elder: false } => {
-                write!(f, "another node has this one's name, and is not dealt with: {place}; give it another name")
+                write!(f, "ignoring another node that has the name of this node: {place}; give that node another name")
             }
         }
     }

@@ -82,7 +82,7 @@ impl<'a> Wanted<'a> {
         if let Some(known) = programs.exports(module)
             && let Some(missing) = exports.iter().find(|export| !known.contains_key(**export))
         {
-            return Err(format!("{external} has no `{missing}`: its `{module}` is another one"));
+            return Err(format!("{external} has no `{missing}`: it runs another version of `{module}`"));
         }
         Ok(())
     }

@@ -110,7 +110,8 @@ impl Processes {
         let gone = self.unconfirmed().into_iter().filter(|leaf| !live.contains(leaf));
         let paths = gone.filter_map(|leaf| site.path(leaf));
         paths
-            .map(|path| format!("`{path}` could not be ended and may still use what it has; end it, then take it away"))
+            .map(|path| format!("`{path}` could not be ended, and may still use its resources; end its program, and then remove the \
+                                 process"))
             .collect()
     }
 

@@ -255,10 +255,10 @@ impl Change {
             return Some(format!("waits for `{resource}`: the host `{host}` is lost and may still use it"));
         }
         let Self::HeldBy { resource, by, host } = self else { return None };
-        let what = if resource.is_empty() { "what is taken for its group".to_owned() } else { format!("`{resource}`") };
+        let what = if resource.is_empty() { "the resources of its group".to_owned() } else { format!("`{resource}`") };
         Some(format!(
-            "waits for {what}: the stop of `{by}` on `{host}` could not be confirmed, and it may still use it; end its \
-             program there, then this goes on"
+            "waits for {what}: the stop of `{by}` on `{host}` could not be confirmed, and `{by}` may still use this; to continue, end its \
+             program on that host"
         ))
     }
 }

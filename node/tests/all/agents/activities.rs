@@ -427,7 +427,8 @@ fn a_message_to_a_host_that_is_cut_off_is_not_confirmed() {
     let call = world.deploy("c1", CONFIRMING);
     wait_for(&mut world, call, "is in out");
     world.cut.insert("c2".to_owned());
-    let why = "it was handed to host `c2`, and `main/round` has not confirmed it within 3 s; it may still arrive";
+    let why =
+        "the order was sent to host `c2`, and `main/round` has not confirmed it within 3 s; the order may still arrive";
     assert_eq!(delivered(&mut world, "round", "next"), Delivery::Unconfirmed(why.to_owned()));
 }
 

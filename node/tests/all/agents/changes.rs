@@ -256,7 +256,7 @@ fn of_two_people_the_first_one_wins_and_the_other_is_told() {
     world.run_for(Duration::from_secs(1));
     assert!(outcome(&world, first).is_ok());
     assert_eq!(outcome(&world, second), Err(vec!["ann is changing `test` at this moment".to_owned()]));
-    let why = "ann has changed `test` meanwhile; `dca plan` shows what it is now";
+    let why = "in the meantime, ann has changed `test`; `dca plan` shows its present state";
     assert_eq!(outcome(&world, third), Err(vec![why.to_owned()]));
     assert_eq!(outcome(&world, other), Err(vec!["`test@2` does not run here".to_owned()]));
 }

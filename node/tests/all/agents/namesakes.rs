@@ -105,7 +105,7 @@ fn the_one_that_goes_on_is_told_however_late_it_hears_the_other() {
     assert_eq!(two.twice()[0], Vec::<String>::new());
     two.is_deaf = false;
     two.run_for(3000);
-    let told = "`test@1` also runs on another node of this one's name (boot 2): it is ended there";
+    let told = "`test@1` also runs on another node with the name of this node (boot 2): the deployment is ended there";
     assert_eq!(two.twice()[0], [told]);
     assert_eq!(two.alive(), [2, 0]);
 }
@@ -125,7 +125,9 @@ fn of_one_epoch_the_one_that_was_there_first_goes_on() {
     assert_eq!((failure.origin.as_str(), &failure.cause), ("main", &FailureCause::Preempted("boot 1".into())));
     assert!(!matches!(two.worlds[0].last_report(calls[0]), Report::Finished { .. }));
     let told = |place, ends| {
-        vec![format!("`test@1` also runs on another node of this one's name ({place}): it is ended {ends}")]
+        vec![format!(
+            "`test@1` also runs on another node with the name of this node ({place}): the deployment is ended {ends}"
+        )]
     };
     assert_eq!(two.twice(), [told("boot 2", "there"), told("boot 1", "here")], "both are told");
 }

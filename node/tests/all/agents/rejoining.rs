@@ -208,7 +208,7 @@ fn a_program_is_replaced_on_a_host_that_comes_back() {
         outcomes.insert(match outcome(&world, replaced) {
             Ok(_) => "done",
             Err(reasons) if reasons[0] == "host `c2` is lost, so nothing can be changed on it" => "lost",
-            Err(reasons) if reasons[0].starts_with("host `c2` is just about to take part again") => "coming",
+            Err(reasons) if reasons[0].starts_with("host `c2` is about to take part again") => "coming",
             // The home has not heard of that yet.
             Err(reasons) if reasons[0] == "host `c2`: its node has left the deployment" => "left",
             Err(reasons) => panic!("after {millis} ms: {reasons:?}"),

@@ -83,7 +83,7 @@ fn what_could_not_be_ended_is_not_taken_away() {
             outcome(world, change)
         };
         let why = format!(
-            "host `{host}`: `main/rock` could not be ended and may still use what it has; end it, then take it away"
+            "host `{host}`: `main/rock` could not be ended, and may still use its resources; end its program, and then remove the process"
         );
         assert_eq!(away(&mut world), Err(vec![why]));
         assert_eq!(runs(&world, "Step"), 0, "on {host}: the rock may still move in the zone");

@@ -154,7 +154,7 @@ fn a_disk_that_refuses_to_forget_is_told() {
     world.disk_refuses = Some("read-only file system".to_owned());
     let stop = world.stop("c1");
     world.run_for(Duration::from_secs(20));
-    let why = "`test` does not begin while this node runs, but it may after a reboot: host `c1` cannot write down that it was stopped: \
+    let why = "`test` does not begin while this node runs, but may begin after a reboot: host `c1` cannot store that `test` was stopped: \
                read-only file system";
     assert_eq!(world.answers[&stop], [Answer::Refused(why.to_owned())]);
     assert_eq!(runs(&world), BTreeSet::new());

@@ -22,7 +22,7 @@ fn a_disk_that_fails_stops_writes_and_nothing_else() {
     let mut world = World::team(&["r1", "r2"]);
     world.write(0, "team/kept", 1);
     let refused = fail(&mut world, 0, write_on(AckLevel::Local));
-    assert!(matches!(refused, Reply::Unknown(why) if why.contains("may not have been written")));
+    assert!(matches!(refused, Reply::Unknown(why) if why.contains("the write may be missing")));
     assert_eq!(world.read(0, "team/kept"), [Datum::from(1)]);
     assert!(world.read(0, "team/new").is_empty());
     let refused = world.ask(0, write_on(AckLevel::Local));
@@ -64,7 +64,7 @@ fn nobody_is_told_what_is_not_on_the_disk() {
 fn an_order_that_is_not_on_the_disk_is_not_done() {
     let mut world = World::team(&["r1", "r2"]);
     let answer = fail(&mut world, 0, Question::Retire { member: "r2".into() });
-    assert!(matches!(&answer, Reply::Unknown(why) if why.contains("may not have been written")), "{answer:?}");
+    assert!(matches!(&answer, Reply::Unknown(why) if why.contains("the write may be missing")), "{answer:?}");
     world.reopen(0);
     assert_eq!(world.status(0).members.len(), 2);
 }

@@ -42,7 +42,7 @@ fn two_teams_of_one_name_become_one() {
     are_one(&["r3", "r4"]);
     let _others = ["r1", "r2"].map(|robot| here.node(robot, &[]));
     for (robot, others) in [("r1", "`r3`, `r4`"), ("r2", "`r3`, `r4`"), ("r3", "`r1`, `r2`"), ("r4", "`r1`, `r2`")] {
-        let tells = || status(robot).contains(&format!("To it belong: {others}."));
+        let tells = || status(robot).contains(&format!("Its members: {others}."));
         assert!(wait_until(SOON, tells).is_some(), "{}", status(robot));
     }
     let put = here.ask(&["db", "put", "team/x", "1", "--robot", "r1"]);
@@ -50,7 +50,7 @@ fn two_teams_of_one_name_become_one() {
     let again = here.ask(&["db", "join", "r2", "--robot", "r1"]);
     assert!(again.code == Some(0) && again.out.contains("belongs to the team of `r2` now"), "{again}");
     let refused = here.ask(&["db", "join", "r9", "--robot", "r1"]);
-    assert!(refused.code == Some(1) && refused.err.contains("`dca db status` lists those"), "{refused}");
+    assert!(refused.code == Some(1) && refused.err.contains("`dca db status` lists such robots"), "{refused}");
     for robot in ["r3", "r4"] {
         let joined = here.ask(&["db", "join", "r1", "--robot", robot]);
         assert!(joined.code == Some(0) && joined.out.contains("belongs to the team of `r1` now"), "{joined}");

@@ -88,7 +88,7 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
     // An operator with a restored old copy first learns, and then continues above the highest known number.
     let late = team.operator(3, &["team", "user", "remove", "zoe"], &old);
     assert!(late.out.contains("zoe is revoked: number 2"), "{late}");
-    assert!(late.err.contains("keys that were revoked elsewhere, and are now known here: 2"), "{late}");
+    assert!(late.err.contains("learned of 2 keys that were revoked on other machines"), "{late}");
     assert!(team.agree(3), "{}", team.operator(1, &["team"], &team.keys));
     restart(&mut team);
     refused(&team);
