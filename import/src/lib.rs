@@ -55,7 +55,7 @@ pub struct Imported {
 /// If the file is not XML, has too many or too deep elements, or is neither a chart nor a tree. Also if it contradicts itself,
 /// for example by a transition to a state that the chart does not have.
 pub fn import(file: &Source, others: &[Source]) -> Result<Imported, ImportError> {
-    let read = |path: &str| Err(format!("`{path}` is not read here"));
+    let read = |path: &str| Err(format!("`{path}` is not a format that `dca import` reads"));
     let files = Files { read: &read, share: &|_| None };
     import_with(file, others, &LaunchSettings::default(), &files)
 }

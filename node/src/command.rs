@@ -53,7 +53,9 @@ fn run_verb() -> ExitCode {
     match parsed() {
         Ok(Command { verb: Some(Verb::Install(install)), .. }) => finish(install::run(&install)),
         Ok(Command { verb: None, node: Some(node) }) => finish(run(node, logging::start(logging::NODE))),
-        Ok(Command { verb: None, node: None }) => finish(Err(anyhow!("`--name` says which host this is").into())),
+        Ok(Command { verb: None, node: None }) => {
+            finish(Err(anyhow!("give the name of this host with `--name`").into()))
+        }
         Err(code) => code,
     }
 }
@@ -61,10 +63,7 @@ fn run_verb() -> ExitCode {
 /// Returns the peers that a node accepts: its team, every host, or no other host. A node in a team never accepts every host.
 fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<Reach> {
     let Some(member) = member else {
-        ensure!(
-            arguments.insecure_lan || arguments.port == 0,
-            "`--port` is for a node in a team, or with `--insecure-lan`"
-        );
+        ensure!(arguments.insecure_lan || arguments.port == 0, "`--port` needs a node in a team, or `--insecure-lan`");
         if !arguments.insecure_lan {
             return Ok(Reach::Host);
         }
@@ -75,15 +74,15 @@ fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<
     let (name, certified) = (arguments.name.as_str(), member.name().as_str());
     ensure!(
         name == certified,
-        "this node is `{certified}` in the team `{team}`, and may not speak as `{name}`: start it with `--name {certified}`, or take \
-         `{name}` into the team as a node of its own"
+        "this node is `{certified}` in the team `{team}`, and cannot use the name `{name}`: start it with `--name {certified}`, or take \
+         `{name}` into the team as another node"
     );
     ensure!(
         !arguments.insecure_lan,
         "this node is in the team `{team}`, and accepts connections from its team only: leave out `--insecure-lan`"
     );
     if let Err(error) = member.check() {
-        console::note(&format!("the others of the team `{team}` will refuse this node: {error:#}"));
+        console::note(&format!("the other nodes of the team `{team}` will refuse this node: {error:#}"));
     }
     Ok(Reach::Team(Arc::clone(member) as _))
 }

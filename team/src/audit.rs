@@ -162,7 +162,7 @@ impl Audit {
 /// Says how many records were left out.
 fn more(decision: Decision, count: u32, reason: &str) -> AuditEntry {
     let what = if decision == Decision::Refused { "refused" } else { "done" };
-    let (who, what) = ("many".to_owned(), format!("{count} more that were {what}"));
+    let (who, what) = ("many".to_owned(), format!("{count} more requests that were {what}"));
     AuditEntry { decision, who, what, reason: reason.to_owned() }
 }
 
@@ -336,7 +336,7 @@ impl Writer {
             self.is_torn = false;
             self.size += lines.len() as u64;
         } else if let Err(error) = self.mend() {
-            tracing::error!(%error, "a piece of a record stays at the end of the audit log until the disk takes it off");
+            tracing::error!(%error, "an incomplete record stays at the end of the audit log until the disk lets it be removed");
         }
         written
     }

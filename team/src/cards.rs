@@ -87,7 +87,7 @@ impl Cards {
             let credential = Credential::from_bytes(shown).map_err(|error| format!("its credential: {error}"))?;
             let claims = credential.certificate().claims();
             if *claims.keys.signing() != proof.key || credential.certificate().kind() != Kind::Node {
-                return Err("its credential is that of another key".to_owned());
+                return Err("its credential belongs to another key".to_owned());
             }
             if self.cards().get(&proof.key).is_none_or(|card| card.credential != credential) {
                 judge(&credential)?;
@@ -106,7 +106,7 @@ impl Cards {
         if statement::is_signed(digest, &keys, &proof.signature) {
             Ok(Some(name))
         } else {
-            Err(format!("its signature is not that of `{name}`"))
+            Err(format!("its signature was not made by `{name}`"))
         }
     }
 

@@ -299,7 +299,7 @@ impl Identity for Member {
         let credential = Credential::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
         let claims = credential.certificate().claims();
         if claims.keys.signing() != key {
-            return Err("its credential is that of another key".to_owned());
+            return Err("its credential belongs to another key".to_owned());
         }
         // A copy: a reader of the cards also takes the lock of the revocations, so the two locks must not be held together.
         let revoked = self.revoked().clone();

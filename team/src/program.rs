@@ -62,7 +62,7 @@ impl Circle {
     pub(crate) fn delegation(&self, key: &PublicKey, credential: &[u8]) -> Result<Delegation, String> {
         let delegation = Delegation::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
         if delegation.key() != key {
-            return Err("its credential is that of another key".to_owned());
+            return Err("its credential belongs to another key".to_owned());
         }
         let revoked = self.revocations_now()?;
         delegation.check(&judge(&self.team, &revoked)).map_err(|error| error.to_string())?;
@@ -152,7 +152,7 @@ impl ProgramIdentity {
             Err(why) => Some(why),
             Ok(delegation) if delegation.program().is_some() => Some("it is a program".to_owned()),
             Ok(delegation) if delegation.has_signed(digest, &proof.signature) => None,
-            Ok(_) => Some("its signature is not that of its key".to_owned()),
+            Ok(_) => Some("its signature was not made with its key".to_owned()),
         }
     }
 

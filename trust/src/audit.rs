@@ -115,7 +115,7 @@ pub enum AuditError {
         number: u64,
     },
     /// A record differs from the record that a member has signed.
-    #[error("record {number} is not the one that {by} has signed")]
+    #[error("record {number} differs from the record that {by} has signed")]
     Forked {
         /// The record.
         number: u64,

@@ -36,7 +36,7 @@ pub struct Delegation {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DelegationError {
     /// Only nodes may vouch for programs.
-    #[error("the certificate that vouches for it is not that of a node")]
+    #[error("the certificate behind this signature does not belong to a node")]
     Kind,
     /// The delegation is not signed by the node.
     #[error("its node has not signed for it")]

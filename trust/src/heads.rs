@@ -22,7 +22,9 @@ pub const TEXT_MAX: usize = 1 << 20;
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum HeadError {
     /// The log was cut, or set back.
-    #[error("its log ends with record {found}, but record {signed} was signed: it was cut off, or set back")]
+    #[error(
+        "its log ends with record {found}, but record {signed} was signed: the log was cut off, or an old copy was restored"
+    )]
     Cut {
         /// The last record now.
         found: u64,
@@ -30,7 +32,7 @@ pub enum HeadError {
         signed: u64,
     },
     /// The log was rewritten.
-    #[error("record {number} of its log is not the one that was signed")]
+    #[error("record {number} of its log differs from the signed record")]
     Rewritten {
         /// The record.
         number: u64,

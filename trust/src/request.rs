@@ -136,7 +136,7 @@ pub enum Refusal {
     #[error("{0}")]
     Trust(TrustError),
     /// The body differs from the signed one.
-    #[error("the body is not the one that was signed")]
+    #[error("the body differs from the signed body")]
     Body,
 }
 

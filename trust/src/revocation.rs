@@ -52,8 +52,8 @@ pub enum RevocationError {
     TooMany,
     /// The member already holds as many sets as it can.
     #[error(
-        "a node holds at most {SETS_MAX} sets of revocations that do not contain each other: the next `dca team revoke NAME` or \
-         `dca team user remove NAME` on a machine whose node knows these sets joins them"
+        "a node holds at most {SETS_MAX} sets of revocations that do not contain each other; to join these sets, run `dca team revoke \
+         NAME` or `dca team user remove NAME` on a machine whose node knows them"
     )]
     Full,
 }

@@ -214,7 +214,7 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Ca
             }
             let name = system.model.name(group, member);
             let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
-            let found = help(found, "what stands before it never ends in the way that would start it");
+            let found = help(found, "the operand before it never ends in the way that would start it");
             asked.unreached = true;
             // A group that ends at once is not active in any state: the story consists of its end.
             let state = nearest(system, graph, part, *node).unwrap_or(1).min(graph.store.count() - 1);
@@ -365,7 +365,8 @@ fn with_advice(system: &System<'_>, graph: &Graph, state: u32, found: language::
         found,
         match waits {
             true => {
-                "what waits here for a resource never gets it: take both at once, `using(a, b)`, or always in the same order"
+                "a process that waits here for a resource never gets it: take both resources at once, `using(a, b)`, or always in the \
+                 same order"
             }
             false => "give it a limit, `P within 30 s`, or let something else end it, `P # Q`",
         },
@@ -408,7 +409,7 @@ fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
     if !catalogue.unfinished.is_empty() {
         for (group, reached) in std::mem::take(&mut catalogue.unfinished) {
             let name = model.group_name(group);
-            let sentence = format!("`{name}` was not looked at whole: {}", reached.words());
+            let sentence = format!("`{name}` was not examined completely: {}", reached.words());
             catalogue.findings.push(Finding::open(sentence));
             catalogue.unfinished.push((group, reached));
         }

@@ -104,7 +104,7 @@ impl Reached {
             Self::States => "the limit of states was reached (--states)",
             Self::Memory => "the limit of memory was reached (--memory)",
             Self::Time => "the limit of time was reached (--seconds)",
-            Self::Inside => "a group inside was not looked at whole",
+            Self::Inside => "a group inside was not examined completely",
         }
     }
 }

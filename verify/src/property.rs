@@ -338,7 +338,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
 /// The assumption for a time limit across hosts.
 fn no_time_for_messages() -> Assumption {
-    let text = "messages between hosts take no time: what they take comes on top, and is not counted";
+    let text = "messages between hosts take no time: their real times are not counted, and must be added";
     Assumption { text: text.to_owned(), story: None }
 }
 

@@ -300,7 +300,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
         Label::TooMany(unit) => {
             let part = &system.model.parts[system.units[usize::from(unit)].part];
             let group = system.model.group_name(part.group);
-            format!("a program of `{group}` dies, once more than the group bears")
+            format!("a program of `{group}` dies, once more than the group allows")
         }
         Label::Fault(unit, member) => format!("{} {}", name(unit, member), fault(system, unit, member, false)),
         Label::Second(unit, member) => format!("{} {}", name(unit, member), fault(system, unit, member, true)),
@@ -314,7 +314,7 @@ fn fault(system: &System<'_>, unit: u16, member: u16, is_second: bool) -> &'stat
         Some(FaultKind::Crash)
             if system.is_restarted(MemberRef { unit: usize::from(unit), member: u32::from(member) }) =>
         {
-            "CRASHES: it is started again, and has forgotten what it knew"
+            "CRASHES: it is started again, and has lost its state"
         }
         Some(kind) => kind.verb(),
         None => "fails",
@@ -435,7 +435,7 @@ impl FaultKind {
             Self::CutOff => "is cut off with its host",
             Self::LinkLost => "loses its link",
             Self::GivenUp => "CRASHES, too often to be started again",
-            Self::TooMany => "CRASHES, once more than its group bears",
+            Self::TooMany => "CRASHES, once more than its group allows",
         }
     }
 }

@@ -62,7 +62,9 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
         |code| findings.iter().any(|found: &Finding| found.diagnostic.as_ref().is_some_and(|it| it.code == code));
     let (two, blind) = (is_wrong(Code::E0814), is_wrong(Code::E0816));
     if is_open {
-        findings.push(Finding::open("who sends to whom at the same time: a group was not looked at whole"));
+        findings.push(Finding::open(
+            "which processes send to each other at the same time: a group was not examined completely",
+        ));
         return findings;
     }
     if !two {
@@ -272,7 +274,7 @@ impl<'w, 'a> Watch<'w, 'a> {
             let path = crate::model::short(&source.path);
             for port in needs(self.model, leaf) {
                 let sites = &self.model.sites.groups[group as usize];
-                let message = format!("`{path}` needs `{port}` and never gets it: it works blind");
+                let message = format!("`{path}` needs `{port}`, but never gets a value there: it works blind");
                 let Some(lines) = inputs.get(&(leaf, port)) else {
                     let Some((_, slot)) = place_of(self.model, leaf).filter(|(of, _)| *of == group) else { continue };
                     let Some(state) = self.first(|frame| self.runs(frame, group, slot)) else { continue };

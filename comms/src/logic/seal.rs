@@ -87,7 +87,7 @@ pub enum Refusal {
     #[error("it is sealed with the key of another program")]
     OtherKey,
     /// The message, or a later one, has already come.
-    #[error("it, or a later message, was already received")]
+    #[error("this message, or a later message, was already received")]
     Repeated,
     /// The message was changed, or belongs to another wire.
     #[error("its seal is broken")]

@@ -77,7 +77,7 @@ impl Reader<'_> {
                 }
                 Event::DocumentStart(_) => None,
                 Event::Alias(_) => {
-                    return Err(self.error(place, "aliases (`*name`) are not read; write the value again"));
+                    return Err(self.error(place, "aliases (`*name`) are not supported; write the value again"));
                 }
                 Event::Scalar(text, ..) => Some(Yaml { place, content: Content::Scalar(text.into_owned()) }),
                 Event::SequenceStart(..) | Event::MappingStart(..) => {
@@ -112,7 +112,7 @@ impl Reader<'_> {
                     return Err(self.error(place, "a key must be a text here"));
                 };
                 if entries.iter().any(|(known, _)| *known == key) {
-                    return Err(self.error(place, format!("the key `{key}` is there twice")));
+                    return Err(self.error(place, format!("the key `{key}` occurs twice")));
                 }
                 around.key = Some(key);
             }

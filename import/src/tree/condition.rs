@@ -91,7 +91,7 @@ fn skipped(context: &mut Context<'_>, node: Node<'_>, around: Around, attribute:
         Around::Fallback => Piece::fail("skipped"),
         Around::Other => {
             let text =
-                format!("a node that `{attribute}` skips counts as a success; in the tree its parent is skipped too");
+                format!("a node that `{attribute}` skips counts as a success; in the tree, its parent is also skipped");
             context.remark(node, RemarkKind::Differs, text);
             Piece::skip()
         }

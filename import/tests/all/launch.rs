@@ -174,7 +174,7 @@ fn files_that_are_no_launch_files_are_refused() {
         ("a.yaml", "", "the file is empty"),
         ("a.yaml", "launch: 5", "a list of actions"),
         ("a.yaml", "nodes:\n- node: {}", "behind the key `launch`"),
-        ("a.yaml", "launch:\n- node: {pkg: a, pkg: b}", "the key `pkg` is there twice"),
+        ("a.yaml", "launch:\n- node: {pkg: a, pkg: b}", "the key `pkg` occurs twice"),
         ("a.yaml", "launch:\n- node: &x {pkg: a}\n- node: *x", "aliases"),
         ("a.yaml", "launch:\n- node: talker", "`node` needs keys"),
         ("a.yaml", "launch: []\n---\nlaunch: []", "second document"),

@@ -105,7 +105,7 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimRepo
     }
     // Without this file, a later node would count the output of earlier programs as output of this one.
     if let Err(error) = file::write(&start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string().as_bytes()) {
-        tracing::debug!(%error, "where the output of a program begins is not kept");
+        tracing::debug!(%error, "cannot store where the output of a program begins");
     }
     // The environment is not among the arguments, because every user of the machine can read these.
     let arguments = ShimStart { environment: Vec::new(), ..start.clone() }.arguments();
@@ -259,7 +259,7 @@ fn remove_stale(path: &Path) -> io::Result<()> {
 pub fn sandbox_levels(shim: &Path) -> io::Result<Vec<String>> {
     let said = Command::new(shim).arg(LEVELS).stdin(Stdio::null()).stderr(Stdio::null()).env_clear().output()?;
     if !said.status.success() {
-        return Err(io::Error::other("the shim does not say what its sandbox takes"));
+        return Err(io::Error::other("the shim does not report which parts its sandbox has"));
     }
     Ok(String::from_utf8_lossy(&said.stdout).split_whitespace().map(str::to_owned).collect())
 }

@@ -72,7 +72,7 @@ impl EstopFile {
         drop(turn);
         written.map_err(|error| {
             let file = inner.path.display();
-            tracing::error!(%file, %error, "cannot write down whether everything is stopped: the next start of this node may not know it");
+            tracing::error!(%file, %error, "cannot store whether everything is stopped: the next start of this node may not know this");
             format!("`{file}`: {error}")
         })
     }
@@ -91,7 +91,7 @@ fn mark(path: &Path, words: &str) -> io::Result<()> {
     }
     let mut made = file::created(path, Privacy::Usual)?;
     if let Err(error) = made.write_all(words.as_bytes()) {
-        tracing::warn!(file = %path.display(), %error, "who has stopped everything, and why, is not on the disk");
+        tracing::warn!(file = %path.display(), %error, "cannot store the user and the reason of the emergency stop");
     }
     made.sync_all()?;
     sync_entry(path)
@@ -114,7 +114,7 @@ fn prepare(path: &Path) {
     }
     let made = file::created(&spare, Privacy::Usual).and_then(|mut made| made.write_all(&padded("")));
     if let Err(error) = made {
-        tracing::debug!(file = %spare.display(), %error, "a full disk will not take the reason of an emergency stop");
+        tracing::debug!(file = %spare.display(), %error, "cannot reserve space for the reason of an emergency stop");
     }
 }
 

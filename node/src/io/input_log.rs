@@ -137,7 +137,7 @@ impl InputLog {
                 (self.file, self.size) = (Some(file), size);
                 self.limit = SIZE_MAX.max(2 * size);
                 if self.refused.take().is_some() {
-                    tracing::info!("the inputs are written down again: if this node is killed, its programs go on");
+                    tracing::info!("inputs are logged again: if this node is killed, its programs continue");
                 }
             }
             Err(error) => self.refuse(&error, state.at),
@@ -159,7 +159,7 @@ impl InputLog {
     fn refuse(&mut self, error: &io::Error, at: Time) {
         if self.refused.replace(at).is_none() {
             let log = self.path.display();
-            tracing::error!(%log, %error, "the inputs cannot be written down: if this node is killed, its programs end");
+            tracing::error!(%log, %error, "inputs cannot be logged: if this node is killed, its programs end");
         }
         // The incomplete file would only take space.
         drop(fs::remove_file(self.unfinished()));

@@ -9,8 +9,8 @@ use rustix::process::{PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_signal}
 pub fn check() -> Result<(), String> {
     let lacks = |call: &str, error: rustix::io::Errno| {
         format!(
-            "a node needs the call `{call}` to end programs, and the kernel refuses it ({error}): it takes Linux 5.3, and in a container a runtime \
-             whose seccomp filter knows it (Docker 20.10)"
+            "a node needs the call `{call}` to end programs, and the kernel refuses it ({error}): use Linux 5.3 or later, and in a \
+             container a runtime whose seccomp filter allows this call (Docker 20.10)"
         )
     };
     let this = pidfd_open(getpid(), PidfdFlags::empty()).map_err(|error| lacks("pidfd_open", error))?;

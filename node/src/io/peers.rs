@@ -178,7 +178,10 @@ impl Peers {
         let sent = codec::encode(namesake).map_err(anyhow::Error::from);
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::namesake(&self.own.host), bytes)?));
         if let Err(error) = sent {
-            tracing::warn!(error = format!("{error:#}"), "another node of this name is not told what runs here");
+            tracing::warn!(
+                error = format!("{error:#}"),
+                "cannot tell another node of this name which programs run here"
+            );
         }
     }
 

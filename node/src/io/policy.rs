@@ -136,7 +136,7 @@ impl ExecutionPolicy {
     pub(crate) fn open(state: Option<PathBuf>, member: Option<Arc<Member>>) -> anyhow::Result<Self> {
         let found = find(state.as_deref())?;
         if let Some(PolicyFile { path, .. }) = &found {
-            tracing::info!(path = %path.display(), "an execution policy holds here");
+            tracing::info!(path = %path.display(), "this node has an execution policy");
         }
         if let Some(user) = found.as_ref().and_then(PolicyFile::could_be_changed_by) {
             tracing::warn!(
@@ -329,13 +329,13 @@ fn standard() -> &'static str {
     static STANDARD: OnceLock<String> = OnceLock::new();
     STANDARD.get_or_init(|| {
         let found = child::sandbox_levels(&programs::beside("dca-shim"));
-        let found = found.inspect_err(|error| tracing::warn!(%error, "it is not known what the sandbox takes"));
+        let found = found.inspect_err(|error| tracing::warn!(%error, "cannot find out which parts the sandbox has"));
         let missing = |level: &&str| !found.as_ref().is_ok_and(|found| found.iter().any(|one| one == level));
         let missing: Vec<&str> = ["landlock", "seccomp"].into_iter().filter(missing).collect();
         if missing.is_empty() {
             return "standard".to_owned();
         }
-        tracing::warn!(missing = missing.join(", "), "this kernel does not have all of the standard sandbox");
+        tracing::warn!(missing = missing.join(", "), "this kernel lacks parts of the standard sandbox");
         format!("standard without {}", missing.join(" and "))
     })
 }

@@ -33,7 +33,7 @@ const PARAMETERS: &[Parameter] =
 /// Returns the interface of a bridge without topics.
 pub(crate) fn interface() -> Interface {
     let about = About::service(
-        "Connects a mission with topics and services of ROS 2. `dca` adds it to a mission that has such.",
+        "Connects a mission with topics and services of ROS 2. `dca` adds it to a mission with such connections.",
     );
     let about = about.every(PERIOD).stop_within(STOP_WITHIN).with(PARAMETERS).signals_every(PERIOD);
     Interface { type_name: TYPE, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
@@ -183,7 +183,7 @@ impl Module for Bridge {
         match self.carried(name).map(|carried| &mut carried.end) {
             Some(End::Call { client: Some(client), .. }) => client.call(argument, Caller::Process(reply)),
             Some(End::Call { client: None, .. }) => {
-                let reason = format!("`{name}` is not answered now: the bridge does not run");
+                let reason = format!("`{name}` cannot answer now: the bridge does not run");
                 reply.answer(Err(ObjectError::Refused { reason }));
             }
             _ => {

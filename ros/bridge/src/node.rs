@@ -54,7 +54,7 @@ const PARAMETERS: &[Parameter] = &[
 
 /// Returns the interface of a program of ROS 2.
 pub(crate) fn interface() -> Interface {
-    let about = About::service("Runs a program of ROS 2. `dca` makes it of a module with `ros`.");
+    let about = About::service("Runs a program of ROS 2. `dca` makes it from a module with `ros`.");
     let about = about.every(PERIOD).with(PARAMETERS).signals_every(SIGNALS_EVERY);
     Interface { type_name: TYPE, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
 }
@@ -260,7 +260,7 @@ impl RosNode {
             Standing::Underway => return Rest::Waits,
             Standing::Reached if lifecycle.state() == Some(State::Finalized) => "it has been shut down",
             Standing::Reached if lifecycle.may_activate() => {
-                "a request to activate it has no answer, and it may still be carried out"
+                "a request to activate it has no answer; the node may still become active"
             }
             Standing::Reached => return Rest::Stays,
             Standing::Failed(why) => why,
@@ -339,7 +339,7 @@ impl Life {
 /// the process.
 fn declared(arguments: &Arguments, rest: &[String]) -> Result<Declared, String> {
     let count = rest.first().map_or(Ok(0), |count| count.parse::<usize>());
-    let count = count.map_err(|error| format!("behind `--` is the number of arguments: {error}"))?;
+    let count = count.map_err(|error| format!("the number of arguments belongs after `--`: {error}"))?;
     let rest = rest.get(1..).unwrap_or_default();
     let (words, given) = rest.split_at_checked(count).ok_or("there are fewer arguments than `--` says")?;
     let name = |parameter: &str| {

@@ -335,7 +335,7 @@ fn a_node_that_fails_while_it_runs_aborts_its_process() {
     for (number, why) in (1..).zip([
         "has ended with SIGSEGV",
         "it is inactive: another client, or the node itself, has changed its state",
-        "it has not told its state for 3 s",
+        "it has not reported its state for 3 s",
     ]) {
         let mission = run(&cluster, &ros, &spec);
         let pid = ros2.started(number, &mission);

@@ -154,10 +154,11 @@ fn who_speaks_as_another_member_is_refused_and_told() {
         let status = robbed.host(1).ask(&["status"]);
         assert!(status.code == Some(0) && !status.err.contains("c2"), "{status}");
     }
-    let refused = wait_until(SOON, || robbed.refusals().iter().any(|line| line == "speak as `c2`|`c3` speaks as `c2`"));
+    let refused =
+        wait_until(SOON, || robbed.refusals().iter().any(|line| line == "speak as `c2`|`c3` uses the name of `c2`"));
     assert!(refused.is_some(), "{:?}", robbed.refusals());
     let Refusal { by, why } = robbed.told.recv_timeout(SOON).expect("the thief is told");
-    assert!(why == "`c3` speaks as `c2`" && (by == "c1" || by == "c2"), "{by}: {why}");
+    assert!(why == "`c3` uses the name of `c2`" && (by == "c1" || by == "c2"), "{by}: {why}");
 
     // Once `c2` has gone, no other node takes its place.
     let node = robbed.nodes.remove(1);
@@ -167,11 +168,11 @@ fn who_speaks_as_another_member_is_refused_and_told() {
     let gone = wait_until(SOON, || !robbed.host(1).ask(&["nodes"]).out.lines().any(is_up));
     assert!(gone.is_some(), "{}", robbed.host(1).ask(&["nodes"]));
     let asked = robbed.host(1).ask(&["db", "status", "--robot", "c2"]);
-    assert!(asked.code != Some(0) && asked.err.contains("`c3` speaks as `c2`"), "{asked}");
+    assert!(asked.code != Some(0) && asked.err.contains("`c3` uses the name of `c2`"), "{asked}");
     let spec = robbed.cluster.file("idle.dca", SPEC);
     let deployed = robbed.host(1).ask(&["deploy", &spec]);
     assert_ne!(deployed.code, Some(0), "{deployed}");
     let lines = robbed.refusals();
-    let same = lines.iter().filter(|line| line.as_str() == "speak as `c2`|`c3` speaks as `c2`").count();
+    let same = lines.iter().filter(|line| line.as_str() == "speak as `c2`|`c3` uses the name of `c2`").count();
     assert!((1..=3).contains(&same), "one line a minute: {lines:?}");
 }

@@ -234,7 +234,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.signed_refused(dan.sign_with(&stop(), "c2", as_look), "the request is signed to look, but asks to stop");
     let mut altered = dan.sign(&stop(), "c2");
     altered.body = codec::encode(&Request::Stop { name: "tent".into() }).expect("it is short");
-    at.signed_refused(altered, "the body is not the one that was signed");
+    at.signed_refused(altered, "the body differs from the signed body");
     at.signed_refused(Signed { head: vec![3; 200], body: vec![5; 9] }, "the signed payload is not a request");
     let stranger = User { keys: keys(), ..at.user("dan", Role::Admin) };
     at.signed_refused(stranger.sign(&stop(), "c2"), "not signed by the key that it names");
@@ -424,7 +424,7 @@ fn a_home_that_lies_starts_nothing() {
     body.body =
         codec::encode(&Request::Deploy { request: 7, plan: altered, by: String::new(), start: Default::default() })
             .expect("it is short");
-    liar.refused(1, prepare(Some(&body)), "the body is not the one that was signed");
+    liar.refused(1, prepare(Some(&body)), "the body differs from the signed body");
     liar.refused(1, prepare(Some(&vic.sign(&deploy(), "c1"))), "`vic` has the role viewer, which may not deploy");
     let past = |it: &mut request::Request| {
         (it.not_before, it.not_after) = (UnixTime(it.not_before.0 - 2000), UnixTime(it.not_before.0 - 1940));

@@ -351,7 +351,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         if self.system.mode.lost.is_some() {
             (told.running, told.stopping) = running(self.system, &judged.settled.frame);
             told.steps.push(Step {
-                cause: "everybody has noted it, and all stops are answered".to_owned(),
+                cause: "all hosts have noted this, and all stops are answered".to_owned(),
                 effects: judged.settled.noted.clone(),
                 events: Vec::new(),
                 moves: Vec::new(),

@@ -65,9 +65,9 @@ impl Question<'_, '_, '_> {
 
     fn does_not_hold(&self, system: &System<'_>, run: &Run) -> Finding {
         let why = match &run.again {
-            None => "whatever comes after that, it does not hold any more",
+            None => "after that, the sentence can no longer hold",
             Some(again) if again.is_empty() => "nothing happens after that",
-            Some(_) => "what comes last can go on so for ever",
+            Some(_) => "the last steps can repeat for ever",
         };
         let mut found = self.fails(why, None);
         found.story = Some(tell_run(system, &run.first, run.again.as_deref()));

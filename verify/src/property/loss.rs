@@ -29,9 +29,9 @@ impl<'m> Question<'_, 'm, '_> {
             let found = self.beside_each_other(loss, all)?;
             let once = if loss.kind == LossKind::Cut { "is cut off" } else { "is lost" };
             let text = match (found.verdict, all.len()) {
-                (Verdict::Open, _) => "no host is lost: what holds then was not decided".to_owned(),
-                (_, 2) => format!("no host is lost: once `{name}` {once}, both may run"),
-                (_, _) => format!("no host is lost: once `{name}` {once}, two of them may run"),
+                (Verdict::Open, _) => "no host is lost: the case of a lost host was not decided".to_owned(),
+                (_, 2) => format!("no host is lost: once `{name}` {once}, both processes may run"),
+                (_, _) => format!("no host is lost: once `{name}` {once}, two of the processes may run"),
             };
             Some(Assumption { text, story: found.story })
         });

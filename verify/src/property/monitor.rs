@@ -28,10 +28,10 @@ pub(crate) fn check(model: &Model<'_>, records: &[Vec<Steps>]) -> Vec<Finding> {
 fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Finding {
     let said = format!("{}: {}", model.group_name(property.group), property.text);
     let Some((wanted, whom)) = wanted(&property.sentence) else {
-        return Finding::open(format!("{said}: a single run cannot show that something may or must come"));
+        return Finding::open(format!("{said}: a single run cannot show that an event may or must happen"));
     };
     if whom.iter().any(|who| who.group != property.group) {
-        return Finding::open(format!("{said}: it names what several supervisors see"));
+        return Finding::open(format!("{said}: it is about events of several supervisors"));
     }
     if records.get(property.group as usize).is_none_or(Vec::is_empty) {
         return Finding::open(format!("{said}: the record has no step of its supervisor"));
@@ -75,10 +75,10 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
         }
     }
     match is_lost {
-        true => Finding::open(format!("{said}: something happened that no verification counts on")),
-        false if matches!(&wanted, Wanted::Unbroken(breaks) if breaks.is_partial) => {
-            Finding::open(format!("{said}: a single run cannot show that something must come, as a part of it says"))
-        }
+        true => Finding::open(format!("{said}: the run has an event that verification does not cover")),
+        false if matches!(&wanted, Wanted::Unbroken(breaks) if breaks.is_partial) => Finding::open(format!(
+            "{said}: a part of it says that an event must happen, and a single run cannot show this"
+        )),
         false => Finding::proved(said),
     }
 }

@@ -33,8 +33,8 @@ fn what_runs_on_a_lost_host_may_run_beside_what_comes_after_it() {
     let keep = " { on_link_loss keep; }";
     let cases = [
         // The step that failed was on the lost host, where it may still run.
-        (spec(["c2", "c1"], ";", "a else b"), Some("no host is lost: once `c2` is cut off, both may run")),
-        (spec(["c2", "c1"], keep, "a else b"), Some("no host is lost: once `c2` is cut off, both may run")),
+        (spec(["c2", "c1"], ";", "a else b"), Some("no host is lost: once `c2` is cut off, both processes may run")),
+        (spec(["c2", "c1"], keep, "a else b"), Some("no host is lost: once `c2` is cut off, both processes may run")),
         (spec(["c1", "c2"], ";", "a else b"), None),
         // No process comes after the process on the lost host.
         (spec(["c2", "c1"], ";", "a ; b"), None),

@@ -45,9 +45,9 @@ impl Author {
         match self {
             Self::Anybody => None,
             Self::Member(name) if name == claimed => None,
-            Self::Member(name) => Some(format!("`{name}` speaks as `{claimed}`")),
-            Self::Nobody(why) => Some(format!("another program speaks as `{claimed}`: {why}")),
-            Self::Stranger => Some(format!("another program speaks as `{claimed}`: its key is not known here")),
+            Self::Member(name) => Some(format!("`{name}` uses the name of `{claimed}`")),
+            Self::Nobody(why) => Some(format!("another program uses the name of `{claimed}`: {why}")),
+            Self::Stranger => Some(format!("another program uses the name of `{claimed}`: its key is not known here")),
         }
     }
 }
@@ -130,9 +130,9 @@ mod tests {
     fn who_speaks_as_another_is_named() {
         let c3 = Author::Member("c3".to_owned());
         assert_eq!(c3.problem("c3"), None);
-        assert_eq!(c3.problem("c2").unwrap(), "`c3` speaks as `c2`");
+        assert_eq!(c3.problem("c2").unwrap(), "`c3` uses the name of `c2`");
         assert_eq!(Author::Anybody.problem("c2"), None);
         let nobody = Author::Nobody("it is not signed".to_owned());
-        assert_eq!(nobody.problem("c2").unwrap(), "another program speaks as `c2`: it is not signed");
+        assert_eq!(nobody.problem("c2").unwrap(), "another program uses the name of `c2`: it is not signed");
     }
 }

@@ -164,7 +164,7 @@ impl Tunnels {
             };
             for (session, standing) in standing {
                 if let Err(why) = self.identity.judge(&standing.key, &standing.credential) {
-                    tracing::warn!(session, why, "a tunnel ends: who is at its other end is not trusted any more");
+                    tracing::warn!(session, why, "a tunnel ends: the peer at its other end is no longer trusted");
                     self.identity.refused(standing.ends.1, &why);
                     standing.end.notify_one();
                 }
@@ -262,7 +262,7 @@ impl Tunnels {
                 self.spawn(async move {
                     match UnixStream::connect(&own.entrance).await {
                         Ok(local) => carry(stream, local, &end).await,
-                        Err(error) => tracing::warn!(%error, "a tunnel does not come to its session"),
+                        Err(error) => tracing::warn!(%error, "a tunnel cannot reach its session"),
                     }
                     own.table().leave(&peer.session, number);
                 });

@@ -186,7 +186,7 @@ fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<
 /// shim. Blocks, for 5 s at most.
 pub fn kill_shim(dir: &Path) {
     for shim in Shims::find().of(dir) {
-        tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
+        tracing::warn!(?dir, "a shim has not ended its program in time: killing the shim");
         processes::signal(*shim, Signal::KILL);
     }
     end_round(dir, 0);
@@ -217,10 +217,10 @@ pub fn press_shim(dir: &Path, is_urgent: bool) {
             continue;
         }
         if is_urgent {
-            tracing::warn!(?dir, "a shim is suspended, whose program has ended, and does not go on: it is killed");
+            tracing::warn!(?dir, "a shim is still suspended after the end of its program: killing the shim");
             processes::signal(*shim, Signal::KILL);
         } else {
-            tracing::warn!(?dir, "a shim is suspended, whose program has ended: it is to go on");
+            tracing::warn!(?dir, "a shim is suspended after the end of its program: resuming the shim");
             processes::signal(*shim, Signal::CONT);
         }
     }

@@ -109,7 +109,7 @@ impl Place {
         let replica = match store.trust() {
             Trust::New | Trust::Kept => Replica::open(config, stored)?,
             Trust::Doubtful(doubt) => {
-                tracing::warn!(%doubt, "the store may be a copy: the database goes on under a new id");
+                tracing::warn!(%doubt, "the store may be a copy: the database continues under a new id");
                 Replica::open_copied(config, stored)?
             }
         };

@@ -20,7 +20,7 @@ impl Driver {
     pub(super) fn called(&mut self, call: u64, request: Request, caller: Caller) -> Option<Input> {
         let Some(guard) = self.gate.guard.clone() else {
             if matches!(request, Request::Signed(_)) {
-                refuse(&caller, "this node is in no team: it takes no signatures".to_owned());
+                refuse(&caller, "this node is in no team, so it accepts no signed requests".to_owned());
                 caller.end();
                 return None;
             }
@@ -77,7 +77,7 @@ impl Driver {
             });
             let refusal = judged.await.err();
             if let Err(error) = sender.send(&Order::Judged { number, refusal }) {
-                tracing::debug!(%error, "a program is not told whether it may be called");
+                tracing::debug!(%error, "cannot tell a program whether a call is allowed");
             }
         });
     }

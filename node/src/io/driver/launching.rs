@@ -96,7 +96,7 @@ impl Driver {
             && let Some((order, (_, sender))) = self.vouch(&process, keys).zip(self.running.programs.get(&process))
             && let Err(error) = sender.send(&order)
         {
-            tracing::debug!(%error, "a program is not told that its node vouches for it");
+            tracing::debug!(%error, "cannot send a program the signature of its node");
         }
         Input::Control { process, notice }
     }

@@ -73,7 +73,7 @@ pub(crate) fn prepare(declared: &Declared, environment: Environment) -> Result<P
     let package = &declared.package;
     let prefixes = environment.get("AMENT_PREFIX_PATH").map_or("", String::as_str);
     if prefixes.is_empty() {
-        let help = "say which installation of ROS 2 is meant, for example `setup \"/opt/ros/jazzy/setup.bash\";`";
+        let help = "name the installation of ROS 2, for example `setup \"/opt/ros/jazzy/setup.bash\";`";
         return Err(format!("package `{package}` cannot be found: `AMENT_PREFIX_PATH` is not set; {help}"));
     }
     let has_package = |prefix: &&str| Path::new(prefix).join(INDEX).join(package).is_file();

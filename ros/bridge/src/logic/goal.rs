@@ -195,10 +195,10 @@ impl Goal {
         let why = match (self.stage, self.canceling.answer) {
             (Stage::Looking | Stage::Over, _) => return None,
             _ if !self.is_there => "its server cannot be reached",
-            (_, Some(CancelAnswer::Refused)) => "its server refuses to cancel it",
-            (_, Some(CancelAnswer::Accepted)) => "its server is canceling it, and has not ended it",
-            (Stage::Asked, _) => "its server has not said whether it takes the goal, and may begin it later",
-            (Stage::Unclear | Stage::Active, _) => "the request to cancel it has no answer",
+            (_, Some(CancelAnswer::Refused)) => "its server refuses to cancel the goal",
+            (_, Some(CancelAnswer::Accepted)) => "its server is canceling the goal, and has not ended it",
+            (Stage::Asked, _) => "its server has not said whether it accepts the goal, and may begin the goal later",
+            (Stage::Unclear | Stage::Active, _) => "the request to cancel the goal has no answer",
         };
         Some(format!("the goal of action `{}` may go on in ROS 2: {why}", self.action))
     }

@@ -318,7 +318,7 @@ impl Lifecycle {
                 format!("it is {state}: another client, or the node itself, has changed its state")
             }
             (Standing::Reached, _) if self.aim.wanted == Wanted::Active && self.is_silent(now) => {
-                format!("it has not told its state for {}", span(self.within))
+                format!("it has not reported its state for {}", span(self.within))
             }
             (Standing::Reached, _) => return,
             (Standing::Underway, Some(State::Finalized)) if self.aim.wanted != Wanted::Resting => {
@@ -348,7 +348,7 @@ impl Lifecycle {
     fn late(&self) -> String {
         let within = span(self.aim.within);
         match (self.request, self.questions.state) {
-            _ if !self.is_started => format!("another node of this name is there; it has not gone within {within}"),
+            _ if !self.is_started => format!("another node of this name still runs after {within}"),
             _ if !self.are_there => format!(
                 "its service `{}/change_state` is not there after {within}; does the node have this name, and a lifecycle, and \
                  does it use `rmw_zenoh_cpp`?",
@@ -358,7 +358,7 @@ impl Lifecycle {
                 format!("it has not answered the request to {transition} in time")
             }
             (_, Some(state)) => format!("it is still {state} after {within}"),
-            (_, None) => format!("it has not told its state within {within}"),
+            (_, None) => format!("it has not reported its state within {within}"),
         }
     }
 }

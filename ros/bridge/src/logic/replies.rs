@@ -14,7 +14,7 @@ pub(crate) enum Failure {
     #[error("no node of ROS 2 answers the service `{0}`")]
     NoServer(String),
     /// The server or the link to it is gone, or the server has dropped the call.
-    #[error("the service `{0}` of ROS 2 was called, and its server has gone or has dropped the call")]
+    #[error("the service `{0}` of ROS 2 was called, but its server has ended or has dropped the call")]
     Gone(String),
     /// The call or its answer is not valid, or the server refuses it.
     #[error("{0}")]

@@ -149,9 +149,9 @@ fn a_goal_that_may_go_on_is_told() {
     let router = Router::new();
     let server = Server::new(&router);
     for (answer, why) in [
-        (None, "the request to cancel it has no answer"),
-        (Some(&REFUSING), "its server refuses to cancel it"),
-        (Some(&CANCELING), "its server is canceling it, and has not ended it"),
+        (None, "the request to cancel the goal has no answer"),
+        (Some(&REFUSING), "its server refuses to cancel the goal"),
+        (Some(&CANCELING), "its server is canceling the goal, and has not ended it"),
     ] {
         let mut action = started(&router);
         take(&mut action, &server);

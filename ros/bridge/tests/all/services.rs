@@ -95,7 +95,7 @@ fn a_call_without_an_answer_ends() {
     assert!(why.may_have_happened());
     assert_eq!(
         why.to_string(),
-        "the service `/robot1/reset` of ROS 2 was called, and its server has gone or has dropped the call; the call may have been \
+        "the service `/robot1/reset` of ROS 2 was called, but its server has ended or has dropped the call; the call may have been \
          carried out"
     );
     let (_query, answer) = call_known(&mut bridge, &queries);

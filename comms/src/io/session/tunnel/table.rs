@@ -40,7 +40,7 @@ impl Table {
     pub(super) fn enter(&mut self, session: &str, new: Standing) -> Result<u64, &'static str> {
         if let Some((_, old)) = self.tunnels.get(session) {
             if old.key != new.key {
-                return Err("its session is that of another key");
+                return Err("its session belongs to another key");
             }
             let is_at_once = old.dialler != new.dialler && new.since - old.since < AT_ONCE;
             if is_at_once && old.dialler < new.dialler {
@@ -110,7 +110,7 @@ mod tests {
         assert!(table.enter("a", standing("b", 17, 1)).is_ok(), "the same dialler");
         table.leave("a", number);
         assert_eq!(table.get("a").unwrap().since, Time::from_nanos(17_000_000_000), "an old one ends late");
-        assert_eq!(table.enter("a", standing("b", 30, 2)), Err("its session is that of another key"));
+        assert_eq!(table.enter("a", standing("b", 30, 2)), Err("its session belongs to another key"));
     }
 
     #[test]

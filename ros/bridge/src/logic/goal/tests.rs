@@ -14,10 +14,10 @@ const REJECTED: Input = Input::Answered { is_accepted: false };
 const CANCEL: Effect = Effect::Cancel { number: 1 };
 const CANCEL_AGAIN: Effect = Effect::Cancel { number: 2 };
 /// The reasons why a goal may go on.
-const REFUSES: &str = "its server refuses to cancel it";
-const CANCELS: &str = "its server is canceling it, and has not ended it";
-const NOT_TAKEN: &str = "its server has not said whether it takes the goal, and may begin it later";
-const NO_ANSWER: &str = "the request to cancel it has no answer";
+const REFUSES: &str = "its server refuses to cancel the goal";
+const CANCELS: &str = "its server is canceling the goal, and has not ended it";
+const NOT_TAKEN: &str = "its server has not said whether it accepts the goal, and may begin the goal later";
+const NO_ANSWER: &str = "the request to cancel the goal has no answer";
 const NOT_REACHED: &str = "its server cannot be reached";
 
 fn ended(status: Status) -> Input {

@@ -187,14 +187,14 @@ fn a_silent_node_fails_when_its_time_is_over() {
     assert_eq!(story.lifecycle.standing(), &Standing::Reached);
     story.now += 1;
     story.expect(THERE, &[]);
-    story.failed("it has not told its state for 10 s");
+    story.failed("it has not reported its state for 10 s");
     for (are_there, why) in [
         (
             false,
             "its service `/n/change_state` is not there after 10 s; does the node have this name, and a lifecycle, and does it use \
              `rmw_zenoh_cpp`?",
         ),
-        (true, "it has not told its state within 10 s"),
+        (true, "it has not reported its state within 10 s"),
     ] {
         let mut story = Story::started();
         story.now = 10_000;
@@ -218,7 +218,7 @@ fn the_program_is_not_started_beside_a_node_of_its_name() {
     story.expect(THERE, &[]);
     story.now = 10_000;
     story.expect(THERE, &[]);
-    story.failed("another node of this name is there; it has not gone within 10 s");
+    story.failed("another node of this name still runs after 10 s");
 }
 
 #[test]
