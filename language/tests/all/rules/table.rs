@@ -14,7 +14,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ("`P ; Q`", "P aborted(r): aborted(r). Q does not start.", &["P ; Q | start s: P(s) | P abort r: aborted(r)"]),
     (
         "`P ; Q`",
-        "A stop goes to the one that runs; Q is forgotten if it has not started.",
+        "A stop goes to the operand that runs. If Q has not started, Q never starts.",
         &[
             "P ; Q | start s: P(s) | stop: stop P | P stopped: stopped",
             "P ; Q | start s: P(s) | P done v: Q() | stop: stop Q | Q stopped: stopped",
@@ -23,7 +23,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ("`P : Q`", "P done(v): Q starts with v.", &["P : Q | start s: P(s) | P done v: Q(v) | Q done w: done(w)"]),
     (
         "`P : Q`",
-        "Everything else as in `P ; Q`.",
+        "All other rules are as in `P ; Q`.",
         &[
             "P : Q | start s: P(s) | P abort r: aborted(r)",
             "P : Q | start s: P(s) | P done v: Q(v) | Q abort r: aborted(r)",
@@ -45,12 +45,12 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P ;; Q`",
-        "It is never done: `P ;; Q` is a service. `P ;; Q = P : (Q ; (P ;; Q))`.",
+        "`P ;; Q` is never done, so it is a service. `P ;; Q = P : (Q ; (P ;; Q))`.",
         &["P ;; Q | kind: service"],
     ),
     (
         "`P ::[n] Q`",
-        "P done(v): a free place of the pool starts Q with v, and P starts again. If no place is free, P starts again when one is.",
+        "P done(v): a free place of the pool starts Q with v, and P starts again. If no place is free, P starts again when a place is free.",
         &[
             "P ::[2] W | start s: P(s) | P done v: W_0(v), P() | P done w: W_1(w), P() | P done x: | W_0 done y: W_0(x), P()",
         ],
@@ -62,16 +62,16 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P ::[n] Q`",
-        "P or Q aborted(r): P is stopped, the Qs that run come to their own end; then aborted(r).",
+        "P or Q aborted(r): P is stopped, and the copies of Q that run continue to their end; then aborted(r).",
         &[
             "P ::[2] W | start s: P(s) | P done v: W_0(v), P() | P done w: W_1(w), P() | W_0 abort r: stop P | P stopped: | W_1 done x: aborted(r)",
             "P ::[2] W | start s: P(s) | P done v: W_0(v), P() | P abort r: | W_0 done x: aborted(r)",
         ],
     ),
-    ("`P ::[n] Q`", "It is never done: it is a service.", &["P ::[2] W | kind: service"]),
+    ("`P ::[n] Q`", "`P ::[n] Q` is never done, so it is a service.", &["P ::[2] W | kind: service"]),
     (
         "`P : match { ... }`",
-        "P done with the tag t and the value v: the arm called t starts with v. Its outcome is the outcome.",
+        "P done with the tag t and the value v: the arm called t starts with v. The outcome of the arm is the outcome.",
         &[
             "M : match { t => P, u => Q } | start s: M(s) | M done t:v: P(v) | P done w: done(w)",
             "M : match { t => P, u => Q } | start s: M(s) | M done u:v: Q(v) | Q abort r: aborted(r)",
@@ -79,7 +79,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P : match { ... }`",
-        "No arm is called t: the arm `else` starts, with tag and value unchanged. `dca check` wants an arm for every outcome, or `else` (E0420).",
+        "No arm is called t: the arm `else` starts, with tag and value unchanged. `dca check` requires an arm for every outcome, or `else` (E0420).",
         &["M : match { t => P, else => Q } | start s: M(s) | M done u:v: Q(u:v)"],
     ),
     (
@@ -89,7 +89,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "Repeat",
-        "P done with one of the named tags: that is the outcome, tag and value unchanged.",
+        "P done with one of the named tags: the outcome is the outcome of P, with tag and value unchanged.",
         &[
             "repeat M until t | start s: M(s) | M done t:v: done(t:v)",
             "repeat M until t|u | start s: M(s) | M done u:v: done(u:v)",
@@ -122,12 +122,12 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P , Q`",
-        "A task aborts: the others continue; the failure counts at the end.",
+        "A task aborts: the other operands continue; at the end, the outcome is the first failure.",
         &["P, Q, S | start s: P(s), Q(s), S(s) | P abort r: | Q done y: stop S | S stopped: aborted(r)"],
     ),
     (
         "`P , Q`",
-        "A *service* aborts, or ends unexpectedly: all others are stopped; then aborted(r).",
+        "A *service* aborts, or ends unexpectedly: all other operands are stopped; then aborted(r).",
         &[
             "P, S | start s: P(s), S(s) | S abort r: stop P | P stopped: aborted(r)",
             "P, S | start s: P(s), S(s) | S done v: stop P | P stopped: aborted(ended)",
@@ -135,12 +135,12 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P , Q`",
-        "If all operands are services, so is the whole, and losing one of them ends it in the same way.",
+        "If all operands are services, `P , Q` is a service, and the loss of one service ends it in the same way.",
         &["S, U | kind: service | start s: S(s), U(s) | S abort r: stop U | U stopped: aborted(r)"],
     ),
     (
         "`P # Q`",
-        "The first outcome, done(v) or aborted(r), is the outcome; it is reported when all the others have stopped.",
+        "The first outcome, done(v) or aborted(r), is the outcome; it is reported when all other operands have stopped.",
         &[
             "P # Q | start s: P(s), Q(s) | P done v: stop Q | Q stopped: done(v)",
             "P # Q | start s: P(s), Q(s) | Q abort r: stop P | P done v: aborted(r)",
@@ -158,7 +158,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P & Q`",
-        "One aborts: the others are stopped at once; then aborted(r).",
+        "One operand aborts: the other operands are stopped at once; then aborted(r).",
         &["P & Q | start s: P(s), Q(s) | P abort r: stop Q | Q stopped: aborted(r)"],
     ),
     ("`P else Q`", "P done(v): done(v). Q does not start.", &["P else Q | start s: P(s) | P done v: done(v)"]),
@@ -177,7 +177,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P else match { ... }`",
-        "P aborted(r): the first arm that names this reason starts with r, as text. Its outcome is the outcome.",
+        "P aborted(r): the first arm that names this reason starts with r, as text. The outcome of the arm is the outcome.",
         &[
             "P else match { reported => Q, crash => R } | start s: P(s) | P crash: R(crash) | R abort r: aborted(r)",
             "P else match { crash => Q, host_lost => R } | start s: P(s) | P host_lost: R(host lost)",
@@ -202,7 +202,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P else match { ... }`",
-        "No arm names it: the arm `else` starts. Without `else` the failure stays: aborted(r).",
+        "No arm names this reason: the arm `else` starts. Without `else` the failure stays: aborted(r).",
         &[
             "P else match { busy => Q, else => R } | start s: P(s) | P abort r: R(r)",
             "P else match { busy => Q, timeout => R } | start s: P(s) | P abort r: aborted(r)",
@@ -218,7 +218,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P finally Q`",
-        "P has ended: Q starts, with nothing. Q done: the outcome is that of P.",
+        "P has ended: Q starts, with nothing. Q done: the outcome is the outcome of P.",
         &[
             "P finally Q | start s: P(s) | P done v: Q() | Q done w: done(v)",
             "P finally Q | start s: P(s) | P abort r: Q() | Q done w: aborted(r)",
@@ -226,7 +226,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P finally Q`",
-        "Q aborted(r): aborted(r) if P was done; else the outcome is that of P.",
+        "Q aborted(r): aborted(r) if P was done; otherwise the outcome of P.",
         &[
             "P finally Q | start s: P(s) | P done v: Q() | Q abort r: aborted(r)",
             "P finally Q | start s: P(s) | P abort p: Q() | Q abort r: aborted(p)",
@@ -234,7 +234,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P finally Q`",
-        "A stop while P runs: P is stopped; when it has confirmed, Q starts; when Q has ended, stopped.",
+        "A stop while P runs: P is stopped. When P has confirmed the stop, Q starts. When Q has ended: stopped.",
         &[
             "P finally Q | start s: P(s) | stop: stop P | P stopped: Q() | Q done w: stopped",
             "P finally Q | start s: P(s) | stop: stop P | P stopped: Q() | Q abort r: stopped",
@@ -244,7 +244,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P finally Q`",
-        "A stop while Q runs: it waits until Q has ended, in whatever way; then stopped.",
+        "A stop while Q runs: the stop waits until Q has ended in any way; then stopped.",
         &[
             "P finally Q | start s: P(s) | P done v: Q() | stop: | Q done w: stopped",
             "P finally Q | start s: P(s) | P abort r: Q() | stop: | Q abort q: stopped",
@@ -261,7 +261,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ("`P as t`", "P aborted(r): aborted(r).", &["P as t | start s: P(s) | P abort r: aborted(r)"]),
     (
         "`P with v`",
-        "P starts with v, whatever value comes from before.",
+        "P starts with v, and ignores the value of the previous process.",
         &[
             "P with true | start s: P(\u{1})",
             "(P ; Q) with true | start s: P(\u{1}) | P done w: Q()",
@@ -290,12 +290,12 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ("`P within d`", "`P within d = P # (wait(d) ; fail(\"deadline\"))`", &[]),
     (
         "Shield",
-        "Without a stop: it is P.",
+        "Without a stop: the same as P.",
         &["shield P | start s: P(s) | P done v: done(v)", "shield P | start s: P(s) | P abort r: aborted(r)"],
     ),
     (
         "Shield",
-        "A stop: nothing happens until P has ended, in whatever way; then stopped. With a bound, P is stopped when d has passed.",
+        "A stop: P continues until it has ended in any way; then stopped. With a bound, P is stopped when d has passed.",
         &[
             "shield P | start s: P(s) | stop: | P done v: stopped",
             "shield P | start s: P(s) | stop: | P abort r: stopped",
@@ -304,14 +304,14 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "Using",
-        "All named resources are free, and no other `using` has waited longer for any of them: they are taken, and P starts.",
+        "All named resources are free, and no other `using` has waited longer for one of them: the `using` takes the resources, and P starts.",
         &[
             "using(arm) P, using(arm, table) Q, using(table) R | start s: P(s) | P done x: Q(s) | Q done y: R(s) | R done z: done(x+y+z)",
         ],
     ),
     (
         "Using",
-        "Otherwise it waits, first come, first served. A stop while it waits: stopped at once.",
+        "Otherwise the `using` waits, first come, first served. A stop during this wait: stopped at once.",
         &[
             "using(arm) P, using(arm) Q, using(arm) R | start s: P(s) | P done x: Q(s) | Q done y: R(s)",
             "using(arm) P, using(arm) Q | start s: P(s) | stop: stop P | P stopped: stopped",
@@ -319,7 +319,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "Using",
-        "P has ended: all of them are free again, after P has cleaned up. The outcome is that of P. If the host of P is lost, P has failed, but may still move something. Every other `using` of `arm` waits until that host has reported that P has ended, or that it runs nothing of the mission; the summary lists the waiting processes. The same holds for a program that could not be ended: its resources stay reserved until it has ended, even behind `else` or `?`. `dca status` lists the holders, and the processes to end. Until then, no other process of the mission uses a device that it `claims`: such a process aborts.",
+        "P has ended: all resources are free again, after P has cleaned up. The outcome is the outcome of P. If the host of P is lost, P has failed, but may still move something. Every other `using` of `arm` waits until that host has reported that P has ended, or that it runs nothing of the mission; the summary lists the waiting processes. The same rule applies to a program that could not be ended: its resources stay reserved until it has ended, even if an `else` or `?` has tolerated the failure. `dca status` lists the holders, and the processes to end. Until this end, no other process of the mission may use a device that the program `claims`: such a process aborts.",
         &[
             "using(arm) P | start s: P(s) | P done v: done(v)",
             "using(arm) P | start s: P(s) | P abort r: aborted(r)",
@@ -328,17 +328,17 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "Any ... of",
-        "k operands are done: the others are stopped; then done(v) with the values of these.",
+        "k operands are done: the other operands are stopped; then done(v), where v is the list of the k values.",
         &["any 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | R done z: | P done x: stop Q | Q stopped: done(x+z)"],
     ),
     (
         "Any ... of",
-        "So many have failed that k can no longer be done: the others are stopped; then aborted(r) with the first failure.",
+        "So many operands have failed that k operands can no longer be done: the others are stopped; then aborted(r) with the first failure.",
         &["any 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: stop R | R stopped: aborted(q)"],
     ),
     (
         "At least ... of",
-        "All of them have ended, and k or more are done: done, with nothing.",
+        "All operands have ended, and k or more are done: done, with nothing.",
         &[
             "at least 1 of (P, Q, R) | start s: P(s), Q(s), R(s) | P done x: | Q abort q: | R done z: done()",
             "at least 2 of (P, Q) | start s: P(s), Q(s) | P done x: | Q done y: done()",
@@ -346,12 +346,12 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "At least ... of",
-        "All of them have ended, and fewer than k are done: aborted(r) with the first failure.",
+        "All operands have ended, and fewer than k are done: aborted(r) with the first failure.",
         &["at least 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: | R done z: aborted(q)"],
     ),
     (
         "At least ... of",
-        "A stop goes to all that run.",
+        "A stop goes to all operands that run.",
         &["at least 1 of (P, Q) | start s: P(s), Q(s) | P done x: | stop: stop Q | Q stopped: stopped"],
     ),
     (
