@@ -133,7 +133,8 @@ parameters! {
     "grip_force": force(5.0, 200.0), "40", "N", "largest force of the fingers";
     "grip_speed": from(0.02, 0.5), "0.12", "m/s", "speed of the fingers";
     "shut_at": angle(-1.0, 2.5), "-1", "rad", "at this angle of the door, a visitor begins to shut it; -1: never";
-    "shut_torque": torque(-100.0, 100.0), "30", "Nm", "torque of this visitor about the hinge, reached within 0.2 s; a negative one opens it";
+    "shut_torque": torque(-100.0, 100.0), "30", "Nm", "torque of this visitor about the hinge, reached within 0.2 s; a negative torque \
+     opens the door";
     "shut_for": time(0.0, 60.0), "2", "s", "duration of this torque";
     "wall_latch": length(-1.0, 4.0), "-1", "m", "distance from the latch's jamb to a side wall; -1: 2.5 m from the handle";
     "wall_hinge": length(-1.0, 4.0), "-1", "m", "distance from the hinge's jamb to a side wall; -1: 2.5 m from the handle";
@@ -158,11 +159,13 @@ parameters! {
     "jump_at": angle(-1.0, 2.5), "-1", "rad", "at this angle of the door, the steering encoder of one caster jumps; -1: never";
     "jump_by": angle(-3.2, 3.2), "0.5", "rad", "size of the jump";
     "fails": Kind::Text(&["none", "arm", "base", "force", "gripper", "laser", "camera"]), "none", "", "the sensor that fails for a while";
-    "fails_how": Kind::Text(&["silent", "repeats", "restamps"]), "silent", "", "it falls silent, repeats its last sample, or stamps old values as new";
+    "fails_how": Kind::Text(&["silent", "repeats", "restamps"]), "silent", "", "it falls silent, repeats its last sample, or stamps old \
+     values as new";
     "fails_at": time(-1.0, 1e6), "-1", "s", "time of the failure; -1: never";
     "fails_door": angle(-1.0, 2.5), "-1", "rad", "the failure begins at this angle of the door; -1: never";
     "fails_for": time(0.0, 60.0), "1", "s", "duration of the failure";
-    "commands": Kind::Text(&["anyone", "holder"]), "anyone", "", "senders that a free device obeys: the first one, or none without the lock";
+    "commands": Kind::Text(&["anyone", "holder"]), "anyone", "", "senders that a free device obeys: the first one, or none without the \
+     lock";
 }
 
 /// Returns the world that the arguments describe.
