@@ -81,7 +81,7 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     away
 }
 
-/// Returns the hosts whose keys are revoked, as far as the answering nodes have met them. If all hosts answer, only the node of
+/// Returns the hosts whose keys are revoked and that an answering node has met. If all hosts answer, only the node of
 /// this machine is asked: its own keys may be revoked.
 async fn revoked(found: &[(&Client, Statuses)], away: &Absences) -> BTreeSet<String> {
     let (mut revoked, is_whole) = (BTreeSet::new(), away.hosts.is_empty() && away.silent.is_empty());
@@ -92,7 +92,7 @@ async fn revoked(found: &[(&Client, Statuses)], away: &Absences) -> BTreeSet<Str
     revoked
 }
 
-/// Says that no node that answers has a process; hosts that do not answer may have it.
+/// Says that no answering node has a process. Hosts that do not answer may have the process.
 pub(crate) async fn no_process(name: &ProcessName, found: &[(&Client, Statuses)]) -> Failure {
     no_process_of(name, found, &ask(found).await)
 }
@@ -109,13 +109,13 @@ pub(crate) fn no_process_of(name: &ProcessName, found: &[(&Client, Statuses)], a
     nowhere(&format!("process `{name}`"), near, away)
 }
 
-/// Says that no node that answers has a deployment; hosts that do not answer may have it.
+/// Says that no answering node has a deployment. Hosts that do not answer may have the deployment.
 pub(crate) fn no_deployment(name: &DeploymentName, found: &[(&Client, Statuses)], away: &Absences) -> Failure {
     let near = suggestion::deployment(name, paths(found).map(|(deployment, _)| deployment));
     nowhere(&format!("deployment `{name}`"), near, away)
 }
 
-/// Says that no node that answers has something; hosts that do not answer may have it.
+/// Says that no answering node has `what`. Hosts that do not answer may have it.
 pub(crate) fn nowhere(what: &str, near: Option<String>, away: &Absences) -> Failure {
     let hint = suggestion::question(near, "`dca status` lists what is running");
     away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; {hint}")))

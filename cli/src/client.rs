@@ -451,8 +451,8 @@ fn extended(begun: Time, deadline: Time, now: Time) -> Time {
     deadline.max((now + SHOWN_WITHIN).min(begun + LINKED_WITHIN))
 }
 
-/// Has the session check that the answers come from nodes of the team, with the credentials that the node of this
-/// socket gives to its machine.
+/// Makes the session check that the answers come from nodes of the team. The check uses the
+/// credentials that the node of this socket gives to programs of its machine.
 fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
     let file = socket.with_file_name(run_dir::VISITORS);
     if !file.is_file() {

@@ -108,7 +108,7 @@ fn changed(
 fn piece(arguments: &AddArguments, name: &str, running: &Plan) -> Result<Plan, Failure> {
     // The arguments of stand-ins matter only if their types have no defaults.
     let (bare, with_arguments) = (text(arguments, name, running, false), text(arguments, name, running, true));
-    // The path of the deployment's spec stands for the spec that runs: its types count, and not those of the present file.
+    // The path of the deployment's spec means the running spec: its types are used, and not the types of the present file.
     let is_spec = |path: &str| arguments.spec.as_ref().is_some_and(|spec| named_file::are_same(spec, Path::new(path)));
     let types_of = |path: &str, text| if is_spec(path) { without_groups(&Source::new(path, text)).text } else { text };
     let others = check::others_with(&Source::new("<dca add>", bare.as_str()), &arguments.controllers, &types_of)?;

@@ -55,7 +55,7 @@ enum Verb {
     Version(past::VersionAt),
     /// Show the members of the team, the copies that are behind, and the state of this robot's copy
     Status(team::Status),
-    /// Begin a team with this robot; every other one joins by itself
+    /// Begin a team with this robot; every other robot joins by itself
     Found(team::TeamArgs),
     /// Move this robot from its team to another one of the same name that was founded separately, with its data
     Join(team::Join),

@@ -190,7 +190,7 @@ async fn over(client: &Client, request: &Request) -> Reached {
     let known = client.all().await.unwrap_or_default();
     let mut outcomes: BTreeMap<String, Outcome> = wave(client, &known, request).await.into_iter().collect();
     let statuses = client.statuses_noted(|_| {}).await;
-    // The statuses may name further hosts: they have come in the meantime, or only other hosts know them.
+    // The statuses may name further hosts, which have appeared in the meantime, or which only other hosts know.
     if let Ok(statuses) = &statuses {
         let named = statuses.nodes.iter().flat_map(|node| node.peers.iter().chain([&node.host])).cloned();
         let more: BTreeSet<String> = named.filter(|host| !outcomes.contains_key(host)).collect();

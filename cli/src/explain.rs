@@ -7,7 +7,7 @@ use node::console::{self, Failure};
 /// The arguments of `dca explain`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The code, such as E0201; without it all codes are listed
+    /// The code, such as E0201 [default: list all codes]
     code: Option<String>,
     /// Print it as JSON
     #[arg(long)]

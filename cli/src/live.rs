@@ -1,6 +1,6 @@
 //! Feeds a live model: asks every node for its status, and listens to the events of all nodes.
 //!
-//! Each node has a task of its own, so a silent node does not delay the others. A node is asked once a second, and soon
+//! Each node has a separate task, so a silent node does not delay other nodes. A node is asked once a second, and soon
 //! after an event. Without an open view, no node is asked.
 
 mod measure;
@@ -317,7 +317,7 @@ impl Live {
         Input::Known { fleet: self.fleet(number), hosts: known }
     }
 
-    /// Receives the output of this process, and no longer that of another one.
+    /// Receives the output of this process, and stops receiving the output of another process.
     fn hear(&mut self, program: Option<&Program>) {
         if self.output.as_ref().map(|(heard, _)| heard) == program {
             return;

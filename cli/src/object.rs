@@ -27,7 +27,7 @@ use std::time::Duration;
 /// The options of both verbs.
 #[derive(Debug, clap::Args)]
 struct ObjectArgs {
-    /// The export: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; the end of the instance's path is enough
+    /// The export: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; the last part of the instance's path is enough
     #[arg(value_parser = ObjectName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: ObjectName,
     /// How many seconds the program has to answer

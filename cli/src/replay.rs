@@ -46,8 +46,8 @@ pub struct Arguments {
     /// Write a layout for Foxglove or Lichtblick with panels for the record, and run nothing
     #[arg(long, value_name = "FILE", conflicts_with_all = ["file", "foxglove"])]
     layout: Option<PathBuf>,
-    /// The outputs whose processes the record stands in for, such as `Scan` or `laser.Scan` [default: those of each process that
-    /// only sends]
+    /// The outputs of the processes that the record replaces, such as `Scan` or `laser.Scan`
+    /// [default: the outputs of each process that only sends]
     #[arg(long = "ports", value_name = "PORT", value_delimiter = ',')]
     played: Vec<String>,
     /// How much faster than recorded

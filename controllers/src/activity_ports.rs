@@ -2,9 +2,9 @@
 //! have connections.
 //!
 //! The program is never activated. Values of wires and messages of queues come to its inputs. It hands them to its
-//! node, which reports the fate of each: only the node knows whether the activity runs. For the outputs, the node hands
-//! values to the program, which sends them. So the node itself has no data session, and the wires of an activity are
-//! those of any program.
+//! node, which reports the fate of each: only the node knows whether the activity runs. For the
+//! outputs, the node gives values to the program, and the program sends them. So the node itself
+//! has no data session, and the wires of an activity are those of any program.
 
 use crate::sdk::messaging::{QueueMessage, Receipt, Rejected};
 use crate::sdk::{

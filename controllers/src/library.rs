@@ -108,7 +108,7 @@ impl Still {
 /// A sensor hangs if this many further samples are equal to the first one: noise makes each true sample different.
 const EQUAL_MAX: u32 = 5;
 
-/// Notices that a noisy sensor repeats the same value, whatever the stamps are.
+/// Notices that a noisy sensor repeats the same value, even with new stamps.
 #[derive(Clone, Debug)]
 struct Stuck<T> {
     last: Option<T>,

@@ -1,5 +1,5 @@
-//! Hardware that outlives missions: the server of a base with a lock in front of its wheels, and a pilot of any mission
-//! that drives it.
+//! Hardware that outlives missions: the server of a base with a lock in front of its wheels, and a
+//! pilot that drives the base for any mission.
 
 use crate::headline;
 use controllers::sdk::messaging::{
@@ -227,7 +227,7 @@ impl Controller for Pilot {
             }
         }
         let fence = self.user.held(tick.now);
-        // The way counts from where the wheels were granted, since another mission drives before that.
+        // The distance is measured from the place where the wheels were granted, because another mission drives before that.
         if fence.is_some() && outputs.motion.pending() == 0 {
             outputs.motion.call((), WITHIN);
         }

@@ -239,7 +239,7 @@ class World:
                 if order["width"] is None:
                     grip["owner"] = None
                 else:
-                    # Fingers that are told to close press on, whatever is between them.
+                    # Fingers with an order to close continue to press, also if an object is between them.
                     width = order["width"] if order["width"] > 0 else -0.02
                     grip["target"], grip["force"] = min(width, GRIP_MAX), min(order["force"], 40.0)
         if (order := orders.get("ft")) and order["after"] == self.wrist.zeroed and self.wrist.zeroing is None:

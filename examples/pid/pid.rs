@@ -190,7 +190,7 @@ impl Controller for PidCtrl {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &PidInputs, outputs: &mut PidOutputs) -> Progress {
-        // Without a measurement there is nothing to send; the motor stops by itself then.
+        // Without a measurement there is nothing to send, and the motor then stops by itself.
         let Some(measured) = inputs.speed.fresh_within(tick.now, Duration::from_millis(100)) else {
             return Progress::Continue;
         };

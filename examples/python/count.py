@@ -1,4 +1,4 @@
-"""Counts. Arguments come as `name=value`, in SI units; what is printed is in `dca logs` and in the record.
+"""Counts. Arguments come as `name=value`, in SI units. The printed output is in `dca logs` and in the record.
 
 A stop is a SIGTERM: what has to be let go of is let go of in `finally`.
 """

@@ -119,7 +119,7 @@ class Swings:
 
 @dataclass
 class Compliance:
-    """The hand gives way to what it feels: an admittance whose gain a measured delay and oscillations limit."""
+    """The hand gives way to the forces that it feels. This is an admittance, whose gain is limited by a measured delay and by oscillations."""
 
     slow: LowPass = field(default_factory=lambda: LowPass(2.0, 3))
     size: LowPass = field(default_factory=lambda: LowPass(2.0, 1))

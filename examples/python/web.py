@@ -1,4 +1,4 @@
-"""A small HTTP service with asyncio beside a control loop, and a task that asks it."""
+"""A small HTTP service with asyncio that runs beside a control loop, and a task that sends it requests."""
 
 import asyncio
 import json

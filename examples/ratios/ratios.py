@@ -133,7 +133,7 @@ def main() -> None:
             rust, python = ratio(folder, size, rounds, cores)
             print(f"hop of {size} B, all cores: Rust {rust:.1f} µs, Python {python:.1f} µs: {python / rust:.2f}")
             if "DORA" in os.environ:
-                # A folder of its own: dora would take the environment of the other one.
+                # A separate folder, because dora would use the environment of the other folder.
                 with tempfile.TemporaryDirectory() as own:
                     venv_of = Path(os.environ["DORA"])
                     other = statistics.median(dora(Path(own), venv_of, size, rounds) for _ in range(ROUNDS))

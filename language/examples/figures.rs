@@ -4,8 +4,8 @@
 //! cargo run --release -p language --example figures
 //! ```
 //!
-//! Times are processor times of this thread, the best of some runs, since others may use the machine; the ratio
-//! counts.
+//! Times are processor times of this thread, the best of some runs, because other programs may use
+//! the machine. The important figure is the ratio.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
 #[path = "../tests/allocation/counter.rs"]

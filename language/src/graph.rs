@@ -6,8 +6,8 @@
 //! connection whose set is never open (dotted, crossed), a connection that is fetched (dashed), and the resources that
 //! a process holds while it runs (a plate on the lower border).
 //!
-//! The layout is layered from left to right, and a function of the spec alone: the same text gives the same picture, and
-//! a small change a small one.
+//! The layout is layered from left to right, and depends only on the spec. The same text gives the
+//! same picture, and a small change of the text gives a small change of the picture.
 
 mod column;
 mod dot;

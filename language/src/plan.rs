@@ -245,7 +245,7 @@ pub struct KeyBinding {
     pub port: String,
     /// A key, or a prefix that ends in `/`.
     pub keys: String,
-    /// Whether the process writes them; else it hears of them.
+    /// Whether the process writes the keys. Otherwise it receives their changes.
     pub is_write: bool,
 }
 
@@ -407,8 +407,8 @@ pub enum Expression {
         /// The operand.
         of: Box<Self>,
     },
-    /// `P ::[n] Q`: each time that P is done it is restarted, beside a Q with its value; at most `n` of Q run at the
-    /// same time.
+    /// `P ::[n] Q`: each time P is done, P is restarted, and a Q starts with the value of P. At
+    /// most `n` copies of Q run at the same time.
     Asynchronous {
         /// The source.
         source: Box<Self>,

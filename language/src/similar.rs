@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-/// The cost of one edit. Replacing a letter by one that looks alike, or by the other case, costs less.
+/// The cost of one edit. Replacing a letter by a similar letter, or by the other case, costs less.
 const EDIT: usize = 10;
 const LOOK_ALIKE: usize = 1;
 const CASE: usize = 2;

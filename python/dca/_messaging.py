@@ -215,7 +215,7 @@ class Asked(Generic[A]):
 
 
 class Requester(Generic[T, A]):
-    """Requests over queues: questions go to another process's queue, answers come to a queue of this one; a marker connects them.
+    """Requests over queues: questions go to a queue of another process, and answers come to a queue of this process. A marker connects question and answer.
 
     Make it in `init` of a class with `Questions = dca.Sender(Question)` and `Answers = dca.Queue(Answer)`. The other process answers with
     `self.Answers.send(answer, to=taken.sender, marker=taken.marker, within="1 s")`.

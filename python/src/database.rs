@@ -262,8 +262,8 @@ impl Watch {
 }
 
 impl Watch {
-    /// Takes the events of this watch, and leaves those of other watches in place. Each taken event tells the node that there is room for a
-    /// further one.
+    /// Takes the events of this watch, and leaves those of other watches in place. For each taken
+    /// event, tells the node that there is room for another event.
     fn take(&self) -> VecDeque<WatchEvent> {
         let mut held = self.of.held();
         if held.activation != self.activation {

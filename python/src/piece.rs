@@ -19,7 +19,7 @@ const KEPT_MAX: usize = 512 << 20;
 /// How many bytes are kept now.
 static KEPT: AtomicUsize = AtomicUsize::new(0);
 
-/// The bytes of a received value. They count as kept while there are views of them.
+/// The bytes of a received value. The bytes are treated as kept while there are views of them.
 #[derive(Debug)]
 pub(crate) struct Arrived {
     bytes: Vec<u8>,
@@ -31,7 +31,7 @@ impl Arrived {
         Arc::new(Self { bytes, is_kept: AtomicBool::new(false) })
     }
 
-    /// Counts the bytes as kept; returns false if the limit does not permit it.
+    /// Counts the bytes as kept. Returns false if the limit does not permit this.
     fn keep(&self) -> bool {
         if self.is_kept.swap(true, Ordering::Relaxed) {
             return true;

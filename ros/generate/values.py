@@ -14,7 +14,7 @@ import numpy
 import rosbags.typesys.store
 from rosbags.typesys import Stores, get_typestore
 
-# ROS 2 describes `char` as `uint8`; rosbags has a number of its own for it.
+# ROS 2 describes `char` as `uint8`, but rosbags has a separate number for `char`.
 rosbags.typesys.store.TIDMAP["char"] = 3
 
 ARRAY, SEQUENCE = 3, 4

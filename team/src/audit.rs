@@ -248,7 +248,7 @@ impl Writer {
         Self { path, log, file, size, is_torn: false, waiting: Vec::new(), lost: [0; 2] }
     }
 
-    /// Makes a log with this name. It has its first line, or is not made at all.
+    /// Makes a log with this name. The file has its first line, or is not made at all.
     fn begin(path: PathBuf, team: KeyId, node: KeyId, before: Option<&Log>) -> anyhow::Result<Self> {
         let (log, line) = Log::begin(team, node, before);
         folder::write(&path, format!("{line}\n").as_bytes())?;

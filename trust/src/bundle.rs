@@ -108,8 +108,9 @@ impl Bundle {
         if set.is_of_the_team() { self.revoked.restore(set, &self.team) } else { Err(RevocationError::Signer) }
     }
 
-    /// Adds the knowledge of another bundle of the team. If both have a certificate for the same keys, the younger one is kept; among
-    /// equally old ones, that of the other bundle. No revocation is undone.
+    /// Adds the knowledge of another bundle of the team. If both bundles have a certificate for the
+    /// same keys, the younger certificate is kept. If both certificates have the same age, the
+    /// certificate of the other bundle is kept. No revocation is undone.
     ///
     /// # Errors
     /// If the bundle belongs to another team, or there are too many certificates.
@@ -162,7 +163,7 @@ impl Bundle {
         self.certificates.iter().find(|known| known.subject() == *key).map(|known| self.credential(known))
     }
 
-    /// Returns a credential: a certificate with that of the admin who issued it.
+    /// Returns a credential: a certificate, with the certificate of the admin who issued it.
     fn credential(&self, certificate: &Certificate) -> Credential {
         let by = certificate.issuer();
         let issuer = self.certificates.iter().find(|known| known.subject() == by && by != self.team.id());

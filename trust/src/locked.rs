@@ -63,8 +63,9 @@ pub enum LockError {
     Memory,
 }
 
-/// The most common passphrases of [`PASSPHRASE_MIN`] characters or more. Left out are runs, and those with few different
-/// characters, which are recognised by themselves.
+/// The most common passphrases of [`PASSPHRASE_MIN`] characters or more. The list leaves out runs
+/// of characters, and passphrases with few different characters, because the check recognises these
+/// by a rule.
 const COMMON: [&str; 24] = [
     "1q2w3e4r",
     "1q2w3e4r5t",

@@ -397,7 +397,7 @@ pub(crate) fn is_running(system: &System<'_>, frame: &Frame, who: ProcessRef) ->
     seat.is_some_and(|seat| system.is_running(frame, seat))
 }
 
-/// Returns a run that ends or comes to a standstill; if every run is endless, the beginning of one.
+/// Returns a run that ends or comes to a standstill. If every run is endless, returns the beginning of an endless run.
 fn a_run(system: &System<'_>, graph: &Graph) -> Vec<Label> {
     let way = graph.dead_end(system, 0);
     if way.is_empty() { graph.way(graph.store.count() - 1) } else { way }

@@ -21,7 +21,7 @@ pub struct Step {
     pub cause: String,
     /// The immediate effects, with one clause each.
     pub effects: Vec<String>,
-    /// The cause in a form for programs; empty if it cannot be named, such as an event of a piece of a group.
+    /// The cause in a form for programs. Empty if the cause has no name, for example an event of a piece of a group.
     pub events: Vec<TraceEvent>,
     /// The changes of the spec's processes.
     pub moves: Vec<Move>,

@@ -235,8 +235,8 @@ impl<'a> System<'a> {
         let messages = messages::of(&source.expression);
         self.clocks.add(index, &source.expression);
         self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages });
-        // A part has a slot for each member of its group, including the members that its pieces run; those are never active
-        // in the part itself.
+        // A part has a slot for each member of its group, including the members that its pieces
+        // run. Members of pieces are never active in the part itself.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
         let is_box = |model: &Model<'_>, inner: usize| !is_open(inner) && !model.parts[inner].ends_at_once;
         let mut seats = Vec::with_capacity(source.members.len());
@@ -456,7 +456,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// Returns the values that outcomes may have besides the empty one, if an expression distinguishes them.
+/// Returns the values, besides the empty value, that outcomes may have, if an expression distinguishes them.
 fn all_values(model: &Model<'_>) -> Vec<Value> {
     if !model.has_tags() {
         return Vec::new();

@@ -17,7 +17,7 @@ pub(crate) struct Span {
     pub(crate) done: Option<Duration>,
     /// The longest time until it is done, if it ever is; none if it is not limited.
     done_most: Option<Duration>,
-    /// The shortest time until it has ended in any way; none if it never ends by itself.
+    /// The shortest time until the end, in any way. None if there is no end without a stop.
     pub(crate) end_least: Option<Duration>,
     /// The longest time until it has ended; none if it is not limited.
     pub(crate) end: Option<Duration>,
@@ -33,7 +33,7 @@ pub(crate) struct Times<'m, 'a> {
     pub(crate) model: &'m Model<'a>,
     /// For members of groups, the shortest and the longest duration that the spec assumes.
     pub(crate) assumed: BTreeMap<(u32, u32), (Duration, Duration)>,
-    /// Programs that never end by themselves, whatever the spec assumes for them.
+    /// Programs that never end by themselves, even if the spec assumes a duration for them.
     pub(crate) endless: BTreeSet<u32>,
     /// The endless programs that hang, so that they are never done.
     pub(crate) hung: BTreeSet<u32>,

@@ -161,7 +161,7 @@ pub struct LiveDeployment {
     pub processes: BTreeMap<String, Process>,
     /// Its plan, once a node has told it.
     pub plan: Option<KnownPlan>,
-    /// How each process has ended, once it is over and an event has told that.
+    /// How each process has ended, once it is over and an event has reported the end.
     pub ends: BTreeMap<String, LastEnd>,
     pub(crate) wires: Wires,
     pub(crate) changed: u64,
@@ -305,7 +305,7 @@ impl LiveDeployment {
             self.phases.insert(look.host.to_owned(), phase);
             self.changed = look.number;
         }
-        // A host that has come back has a part of it after all.
+        // A host that has returned still has a part of the deployment.
         self.end = self.end.take().filter(|end| end.is_told);
         let mut there = BTreeSet::new();
         let mut room = look.room;

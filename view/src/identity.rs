@@ -12,7 +12,7 @@ pub enum Fleet {
     /// The nodes that stay on their machines.
     #[default]
     Standing,
-    /// The nodes inside one command of this machine, such as `dca run`; its process id.
+    /// The nodes inside one command of this machine, such as `dca run`, with the process id of the command.
     Command(u32),
 }
 

@@ -23,7 +23,7 @@ pub enum Input {
         /// Why, for a person.
         why: String,
     },
-    /// A node has told which hosts do not answer it, and which processes may run there.
+    /// A node has reported the hosts that do not answer it, and the processes that may run there.
     Absent {
         /// The node that has told it.
         teller: RobotId,
@@ -58,7 +58,7 @@ pub enum Input {
         /// Its plan.
         plan: Box<Plan>,
     },
-    /// The output of a program is told again from its beginning: the view drops the lines that it has.
+    /// The output of a program is sent again from its beginning: the view drops the lines that it already has.
     OutputBegins {
         /// Its deployment.
         mission: MissionId,

@@ -230,7 +230,7 @@ impl Replies {
         }
     }
 
-    /// Returns the next answer, however long the wait for it is.
+    /// Returns the next answer, and waits for it without a limit.
     pub(crate) async fn more(&mut self) -> Result<Option<Reply>, Failure> {
         loop {
             match self.answers.next().await.transpose()? {

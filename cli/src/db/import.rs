@@ -37,7 +37,7 @@ const TELL_EVERY: Duration = Duration::from_secs(1);
 pub struct Import {
     /// A file as `dca db export` prints it; `-` for standard input
     file: PathBuf,
-    /// Write the keys below this prefix instead of that of the file, such as `robot/r3/`
+    /// Write the keys below this prefix, such as `robot/r3/`, instead of the prefix of the file
     #[arg(long, value_name = "PREFIX")]
     below: Option<String>,
     /// Delete keys that are not in the file, if they are below its prefix

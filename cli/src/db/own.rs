@@ -11,7 +11,7 @@ use node::logic::printable::one_line;
 /// The arguments of `dca db own`.
 #[derive(Debug, clap::Args)]
 pub struct Own {
-    /// How the keys begin, such as `team/arm`; without it, all keys with an owner are listed
+    /// The prefix of the keys, such as `team/arm` [default: list all keys that have an owner]
     #[arg(requires = "who")]
     prefix: Option<String>,
     /// The robot that owns the keys from now on: only this robot may write them

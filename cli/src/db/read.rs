@@ -15,7 +15,7 @@ use node::logic::database::question::{AsOf, Question, Reply};
 /// The arguments of `dca db get`.
 #[derive(Debug, clap::Args)]
 pub struct Get {
-    /// A key, such as `team/camera/gain`; or a prefix that ends in `/`, or nothing for everything
+    /// A key, such as `team/camera/gain`, or a prefix that ends in `/` [default: all keys]
     #[arg(default_value = "")]
     key: String,
     #[command(flatten)]

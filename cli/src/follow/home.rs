@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
 pub(super) const BACK_WITHIN: Duration = Duration::from_secs(5);
-/// How long its streams have to last for the home to count as back; a later cut is then a new one.
+/// How long the streams of the home have to last until the home is treated as back. A cut after this time is a new cut.
 const STEADY: Duration = Duration::from_secs(1);
 
 /// The reports of the home of a mission.

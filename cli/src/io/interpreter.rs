@@ -20,7 +20,7 @@ print(dca.__version__, os.path.dirname(dca.__file__), sep='\\n')
 /// Returns the interpreter of the virtual environment in this folder, or else that of `PATH`. Returns nothing without Python.
 pub(super) fn found() -> Vec<Interpreter> {
     let venv = Path::new(OF_VENV);
-    // A dangling link also counts as an environment: the finding then says what is wrong with it.
+    // A dangling link is also treated as an environment: the finding then says what is wrong with the link.
     let path = if venv.symlink_metadata().is_ok() { venv } else { Path::new(OF_PATH) };
     Some(look(path)).into_iter().filter(|one| path == venv || one.version.is_ok()).collect()
 }

@@ -22,7 +22,7 @@ use view::{Input, Measured};
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 /// How often a program that sends no values is searched for: it may have been restarted elsewhere.
 const FIND_EVERY: Duration = Duration::from_secs(3);
-/// How long after its begin a measurement can begin again, if it has ended by itself.
+/// How long after the start of a measurement it can start again, if it has ended by itself.
 const AGAIN_AFTER: Duration = Duration::from_secs(3);
 
 /// A measurement that continues until it is stopped.

@@ -84,7 +84,7 @@ pub struct Installed {
     pub version: String,
     /// The version of the shim, or why there is none.
     pub shim: Result<String, String>,
-    /// How many controller types `dca-controller` beside this program offers, or why none.
+    /// How many controller types the `dca-controller` beside this program offers, or why it offers none.
     pub controllers: Result<usize, String>,
     /// The interpreters that would run programs in Python here.
     pub interpreters: Vec<Interpreter>,

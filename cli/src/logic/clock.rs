@@ -2,7 +2,7 @@
 //!
 //! The other clock was read at some moment between a question and its answer. If this was in the middle, the other
 //! clock was ahead by `shown there - (shown here + round trip / 2)`. In any case, the error of this offset is at most
-//! half the round trip. So of several questions, the one with the shortest round trip counts. This is the bound of
+//! half the round trip. So of several questions, the question with the shortest round trip is used. This is the bound of
 //! Cristian's algorithm.
 
 use comms::logic::human::span;

@@ -30,7 +30,8 @@ use view::sentence::{
     ENDED_LATE, configured_text, entered_text, renewing_text, report_text, restarting_text, reverting_text,
 };
 
-/// The most notes that are kept: the first half of them, and the last ones. The others are counted. Routine notes are dropped first.
+/// The largest number of stored notes: the first half keeps the first notes, the other half keeps the latest notes. The
+/// others are counted. Routine notes are dropped first.
 pub const NOTES_MAX: usize = 200;
 
 /// A deployment seen from outside.
@@ -222,7 +223,7 @@ impl Mission {
         self.phases.name_width()
     }
 
-    /// Returns how many phases came before the first of [`Mission::phases`] and were forgotten.
+    /// Returns how many phases were dropped before the first phase of [`Mission::phases`].
     pub fn phases_dropped(&self) -> usize {
         self.phases.dropped()
     }

@@ -320,7 +320,8 @@ impl Top {
     }
 }
 
-/// Returns the robots on which everything is stopped, as each has told last: also those that do not answer now.
+/// Returns the robots on which everything is stopped, according to the last report of each robot. This includes robots
+/// that do not answer now.
 fn stopped(model: &Model) -> impl Iterator<Item = (&Robot, &str)> {
     model.robots().filter_map(|robot| Some((robot, robot.estop.as_deref()?)))
 }

@@ -192,8 +192,8 @@ fn take(keyring: &Keyring, bundle: Bundle, held: &[RevokedSet]) -> anyhow::Resul
     Ok(bundle)
 }
 
-/// Sends the revocations to the node of this machine. The node passes them on to all nodes, now and whenever it meets
-/// another one. Stores further revocations that the node knows.
+/// Sends the revocations to the node of this machine. The node passes them on to all nodes, now and
+/// whenever it meets another node. Stores further revocations that the node knows.
 pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Result<(), Failure> {
     let known = bundle.revocations();
     if known.sets().is_empty() {

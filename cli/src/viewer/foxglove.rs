@@ -33,7 +33,7 @@ pub(crate) use recording::serve as serve_record;
 const LIMITS: Limits = Limits { connections: 64, strangers: 32 };
 /// How long after one look at the model the next may come: much often happens at once.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// How often programs are looked for, and how often the model is looked at, whether something has changed or not.
+/// How often the view looks for programs, and how often it reads the model even if nothing has changed.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// An event of the server.

@@ -76,7 +76,7 @@ impl Visitors {
         self.strangers.push_back((task, guest));
     }
 
-    /// Ends all connections. Each has this time to end by itself.
+    /// Ends all connections. Each visitor has this time to end by itself.
     pub(super) async fn close(mut self, within: Duration) {
         let ended = async { while self.tasks.join_next().await.is_some() {} };
         timeout(within, ended).await.unwrap_or_default();

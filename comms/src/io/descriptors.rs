@@ -49,7 +49,7 @@ fn close_from_third() -> libc::c_long {
 
 #[expect(unsafe_code, reason = "as above")]
 fn close(number: libc::c_int) {
-    // SAFETY: as above; the number of a descriptor that is closed by now (that of the folder which was read) does nothing.
+    // SAFETY: as above. A number whose descriptor is already closed, such as the descriptor of the folder that was read, has no effect.
     unsafe { libc::close(number) };
 }
 

@@ -80,7 +80,7 @@ pub fn appended_itself(path: &Path, privacy: Privacy) -> io::Result<File> {
 /// Checks that a name belongs to a regular file, not to a link to one, or to nothing.
 ///
 /// # Errors
-/// It belongs to something else, such as a link (`InvalidInput`, or `IsADirectory`), or cannot be examined.
+/// The name belongs to something else, such as a link (`InvalidInput`, or `IsADirectory`), or cannot be examined.
 pub fn check_itself(path: &Path) -> io::Result<()> {
     match lstat(path) {
         Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), "written"),

@@ -30,9 +30,10 @@
 //! dca/<robot>/exports/<instance path>  what a program exports
 //! ```
 //!
-//! Users choose names, and in a key expression `/ * $ # ? @` have a meaning. So every name is escaped: letters,
-//! digits, `_`, `-` and `.` stand for themselves; any other byte is `%` and two hex digits; an empty name is `%`.
-//! Escaping is one-to-one: different names never share a key, and no name can match the key of another name.
+//! Users choose names, and in a key expression `/ * $ # ? @` have a meaning. So every name is escaped.
+//! Letters, digits, `_`, `-` and `.` stay as they are. Any other byte becomes `%` and two hex digits. An
+//! empty name becomes `%`. Escaping is one-to-one: different names never share a key, and no name can match
+//! the key of another name.
 
 use std::fmt;
 use thiserror::Error;

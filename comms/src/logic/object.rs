@@ -251,8 +251,8 @@ fn known_words(known: &[String]) -> String {
 }
 
 impl Signature {
-    /// Returns whether each end can read the values of the other: the names are the same, and so are the fields where
-    /// both ends declare them.
+    /// Returns whether each end can read the values of the other end: the names are equal, and if
+    /// both ends declare fields, the fields are equal.
     pub fn fits(&self, other: &Self) -> bool {
         self.argument.fits(&other.argument) && self.result.fits(&other.result)
     }

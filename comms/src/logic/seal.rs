@@ -16,8 +16,9 @@ use thiserror::Error;
 pub const TAG_SIZE: usize = 16;
 /// The shortest time between two reports of the refusals on one wire.
 pub const TELL_EVERY: Duration = Duration::from_secs(60);
-/// How long a message that is sealed with another key may still be explained by a restart of the other program: one
-/// end may learn of it later than the other. Only afterwards is the message reported.
+/// How long a restart of the other program may explain a message that is sealed with another key.
+/// One end may learn of the restart later than the other end. Only afterwards is the message
+/// reported.
 pub const OTHER_KEY_WITHIN: Duration = Duration::from_secs(10);
 /// The most wires of a program whose refusals are reported.
 const WIRES_MAX: usize = 256;

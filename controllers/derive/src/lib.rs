@@ -12,7 +12,7 @@ use syn::{DeriveInput, parse_macro_input};
 /// Makes a struct the inputs of a controller.
 ///
 /// Each field is an `In<T>` with one attribute: `#[port("In")]` is wired by a spec, `#[port("In", optional)]` may stay
-/// unconnected, `#[device("arm/state")]` hears a device, `#[device("arm/cmd", owner)]` is the side of the program that owns
+/// unconnected, `#[device("arm/state")]` receives from a device, `#[device("arm/cmd", owner)]` is the side of the program that owns
 /// the device. A doc comment of a field becomes part of the interface.
 #[proc_macro_derive(Inputs, attributes(port, device))]
 pub fn inputs(input: TokenStream) -> TokenStream {

@@ -35,8 +35,8 @@ use travel::{HandMotion, Travel};
 
 /// Speed of the handle (m/s).
 pub const SPEED: f64 = 0.12;
-/// The range of the pull, relative to the largest (N), in which the hand gives way to a sudden pull, however quickly it
-/// comes: from the first value below to the second value above.
+/// The range of the pull, relative to the largest pull (N), in which the hand gives way to a sudden
+/// pull of any speed: from the first value below the largest pull to the second value above it.
 const SUDDEN: (f64, f64) = (5.0, 15.0);
 const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
 /// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds

@@ -1,15 +1,16 @@
 //! The angle of a door, measured in one sweep of a laser: the angle between the leaf and a straight line that does not
 //! move.
 //!
-//! Leaf and line are seen in the same sweep, so neither slipping wheels nor a hand that has lost the handle can make a
-//! shut door look open. The leaf is the line right before the hand that holds its handle. The other line is found
-//! before the door moves, and is then followed from sweep to sweep:
+//! The laser sees leaf and line in the same sweep. So a shut door cannot look open, even if the
+//! wheels slip, or if the hand has lost the handle. The leaf is the line right before the hand that
+//! holds its handle. The other line is found before the door moves, and is then followed from sweep
+//! to sweep:
 //! - If the line of the leaf continues on both sides, or further than any leaf, it is the wall, and the door is shut.
 //! - A wall with an opening that the leaf would fit shows how far the leaf is open. A law that begins with a half-open
 //!   door learns the angle in this way.
-//! - Any other line, such as a side wall, shows only by how much the leaf turns from now on. A wall on only one side of
-//!   the leaf proves nothing: in a corner, the side wall begins at the edge of a shut leaf, just as the wall begins at
-//!   the hinge of an open leaf.
+//! - Any other line, such as a side wall, shows only by how much the leaf turns from now on. A wall
+//! on only one side of the leaf proves nothing. In a corner, the side wall begins at the edge of a
+//! shut leaf, and this looks like an open leaf, where the wall begins at the hinge.
 //!
 //! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction
 //! is that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
@@ -66,8 +67,8 @@ const GAP: f64 = 0.15;
 /// The leaf is seen over at least this length (m).
 const LENGTH_MIN: f64 = 0.20;
 
-/// From this angle between leaf and wall on (rad), the point where they meet is measured: by a mean over at least
-/// `MEAN_FROM` and about `MEAN_OF` sweeps.
+/// The smallest angle between leaf and wall (rad) at which the point where they meet is measured.
+/// The measurement is a mean over at least `MEAN_FROM` and about `MEAN_OF` sweeps.
 const MEETS: f64 = 0.2;
 const MEAN_FROM: u32 = 10;
 const MEAN_OF: u32 = 40;
@@ -295,8 +296,8 @@ impl Side {
     }
 }
 
-/// Returns whether a wall has an opening that the leaf before the hand would shut: hardly any points are in it, and
-/// there is wall on its other side.
+/// Returns whether a wall has an opening that the leaf before the hand would shut: the opening has
+/// hardly any points, and there is a wall on its other side.
 fn has_opening(wall: &Line, leaf: &Line, on_wall: &[Vector2<f64>], sides: &[Side; 2]) -> bool {
     let Some(hinge) = crossing(wall, leaf) else { return false };
     let [near, far] = sides;

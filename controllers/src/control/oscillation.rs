@@ -2,9 +2,9 @@
 //!
 //! The stability of a loop depends on the stiffness of the object in the hand, which is not known in advance: fingers
 //! on a lever may be eight times as stiff as the budget of [`super::compliant`] assumes. A loop beyond its budget
-//! swings to and fro, and the swings grow. So swings are counted. A swing counts if it is larger than the noise and
-//! comes soon after the previous one; a single push or step is not a swing. From the third swing on, each swing reduces
-//! the gain. The gain of a calm loop slowly recovers.
+//! swings to and fro, and the swings grow. So swings are counted. A swing counts if it is larger
+//! than the noise, and comes soon after the previous swing. A single push or step is not a swing.
+//! From the third swing on, each swing reduces the gain. The gain of a calm loop slowly recovers.
 //!
 //! Source: Dimeas and Aspragathos, "Online stability in human-robot cooperation with admittance control", IEEE Trans.
 //! Haptics 9(2), 2016: an unstable contact is found by its oscillation, and the gain is adapted; the way of counting is

@@ -1,11 +1,11 @@
 //! Pressing a lever handle that the hand already holds, until it yields.
 //!
 //! The hand goes straight down first. As the lever turns, it twists the hand, which shows the side to which the lever
-//! points. Then the hand follows the arc of a lever of medium length and rolls with it. It gives way to every force
-//! except the vertical one, so neither the lever's length nor the angle of its latch has to be known. The lever is down
-//! when it meets its stop, a force against the motion that rises steeply, or when the force drops. Only the force along
-//! when it meets its stop, a force against the motion that rises steeply, or when the force drops. Only the force along
-//! the arc counts: a base that slips or catches up pulls at the lever from the side, which does not press it.
+//! points. Then the hand follows the arc of a lever of medium length and rolls with it. It gives way to every force except the vertical
+//! force. So it does not need the length of the lever or the angle of its latch. The lever is down when it meets its stop, a force against
+//! the motion that rises steeply, or when the force drops. Only the force along when it meets its stop, a force against the motion that
+//! rises steeply, or when the force drops. Only the force along the arc is used. A base that slips or catches up pulls at the lever from
+//! the side, and this force does not press the lever.
 //!
 //! Source: ours; constants found with the door model, for levers of 0.05 to 0.16 m that stop beyond 20 degrees.
 

@@ -5,8 +5,8 @@ pub fn towards(from: f64, to: f64, step: f64) -> f64 {
     from + (to - from).clamp(-step.max(0.0), step.max(0.0))
 }
 
-/// Returns `from` moved straight towards `to`, as far as no axis moves by more than its step. So the direction is kept;
-/// a separate limit for each axis would change it.
+/// Returns `from` moved straight towards `to`, as far as no axis moves by more than its step. So
+/// the direction stays the same. A separate limit for each axis would change the direction.
 pub fn towards_together<const N: usize>(from: &[f64; N], to: &[f64; N], steps: &[f64; N]) -> [f64; N] {
     let too_far = |i: usize| (to[i] - from[i]).abs() / steps[i].max(f64::MIN_POSITIVE);
     let share = 1.0 / (0..N).map(too_far).fold(1.0, f64::max);

@@ -2,9 +2,10 @@
 //!
 //! The law is a weighted, damped pseudo-inverse with a null-space motion. The base has a larger weight than the arm,
 //! and the weight of a joint grows while it moves towards its limit. Near a singularity the damping grows. A command
-//! that is too fast is scaled as a whole, so the hand keeps its direction. Accelerations are limited. Finally the quick
-//! arm compensates for the slow base: a model of the base's lag gives the motion that is missing at the hand, and the
-//! arm adds it. Without this, a stop at the handle overran by 2 mm, which cost 19 N.
+//! that is too fast is scaled as a whole, so the hand keeps its direction. Accelerations are
+//! limited. Finally the quick arm compensates for the slow base. A model of the base's lag computes
+//! the missing motion of the hand, and the arm adds this motion. Without this, a stop at the handle
+//! overran by 2 mm, which cost 19 N.
 //!
 //! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that must be steady hands
 //! its turn to joint 1, which changes neither the motion of the hand nor the outline of the robot. When the robot comes

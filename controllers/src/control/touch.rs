@@ -33,7 +33,7 @@ const VARIANCE_MIN: f64 = 1e-4;
 /// Watches the samples of a force.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Touch {
-    /// The time after which a force counts as part of the background (s); none if it never does.
+    /// The time after which a force is treated as part of the background (s). None if this never happens.
     forgets: Option<f64>,
     usual: Vector3<f64>,
     last: Option<Vector3<f64>>,

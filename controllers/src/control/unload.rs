@@ -30,7 +30,7 @@ const TURN_MAX: f64 = 0.2;
 /// size. `STEADY` is the largest such share. `STEADY_DELAY` divided by the delay (s) is the share that a grasp of 9
 /// kN/m loses; a hand that follows a softer grasp lets go of it sooner. `STEADY_DELAY_HELD` is the same for a hand that
 /// holds a door and does not follow, with a grasp of 2 kN/m. For such a hand, the mean may also change by its noise
-/// `STEADY_NOISE` (N). Before `LATE` (s) no force counts as one that stays, because a late answer may still come.
+/// `STEADY_NOISE` (N). Before `LATE` (s), no force is treated as a force that stays, because a late answer may still come.
 const LOOK: f64 = 0.1;
 const STEADY: f64 = 0.2;
 const STEADY_DELAY: f64 = 0.011;

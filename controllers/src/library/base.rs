@@ -13,8 +13,9 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// If its bumper is pressed, a base goes back in the direction from which it came: with this speed (m/s), for at most
-/// this time. If the base was slower than the minimum (m/s), it was hit, and it stays.
+/// If its bumper is pressed, a base drives back in the direction from which it came, with this
+/// speed (m/s), for at most this time. If the base was slower than the minimum (m/s), it was hit,
+/// and it stays.
 const RETREAT: f64 = 0.06;
 const RETREAT_MAX: Duration = Duration::from_millis(1000);
 const SPEED_MIN: f64 = 0.01;

@@ -191,7 +191,7 @@ impl Controller for ForceSensor {
 #[derive(Debug)]
 struct Threshold {
     threshold: f64,
-    /// The time after which a force counts as part of the background (s); none if it never does.
+    /// The time after which a force is treated as part of the background (s). None if this never happens.
     forgets: Option<f64>,
     touch: Touch,
     watch: Watch,

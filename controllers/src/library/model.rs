@@ -59,7 +59,7 @@ pub(super) struct Outputs {
     /// The velocity of the hand.
     #[port("Out1")]
     velocity: Out<Velocity>,
-    /// The direction in which the hand is led, for compliance beside it.
+    /// The direction in which the hand is led. The hand gives way to forces across this direction.
     #[port("Out2")]
     guide: Out<Constraint>,
 }

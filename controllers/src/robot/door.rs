@@ -232,7 +232,7 @@ impl Door {
         self.rate += dt * self.sense() * (at - self.hinge()).perp(force) / self.description.inertia;
     }
 
-    /// Lets a torque (Nm) shut the leaf for `dt` (s), like a visitor who leans on it.
+    /// Applies a torque (Nm) that shuts the leaf for `dt` (s), like a visitor who leans on the leaf.
     pub fn push_shut(&mut self, torque: f64, dt: f64) {
         self.rate -= dt * torque / self.description.inertia;
     }

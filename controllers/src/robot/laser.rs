@@ -73,7 +73,7 @@ fn echo(from: &Vector2<f64>, along: &Vector2<f64>, room: &[Stretch]) -> f64 {
     RANGE_MAX
 }
 
-/// Returns the range (m) at which a ray meets a stretch of wall, if it does.
+/// Returns the range (m) at which a ray hits a piece of wall. None if the ray misses it.
 fn hit(from: &Vector2<f64>, along: &Vector2<f64>, wall: &Wall) -> Option<f64> {
     let (a, b) = wall;
     let (wall, to) = (b - a, a - from);

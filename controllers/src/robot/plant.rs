@@ -210,8 +210,9 @@ impl Plant {
         }
     }
 
-    /// Advances everything by one millisecond, while a visitor pushes the hand with a force (N, world axes). The sensor
-    /// measures this force, and the robot gives way as far as its drives do.
+    /// Advances everything by one millisecond, while a visitor pushes the hand with a force (N,
+    /// world axes). The sensor measures this force, and the robot moves as far as its drives give
+    /// way.
     pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());

@@ -42,7 +42,7 @@ pub enum CallOrder {
     Make {
         /// The number of the call.
         number: u64,
-        /// The path of the process to call, if the spec connects several processes; none means the first of them.
+        /// The path of the process to call, if the spec connects several processes. None means the first process.
         to: Option<String>,
         /// The encoded argument.
         argument: Vec<u8>,

@@ -238,8 +238,8 @@ impl About {
         Self::new(doc, false)
     }
 
-    /// Marks the type as one that keeps state from one calculation to the next, such as an estimate or the progress of
-    /// a motion. An instance that is restarted in the middle does not have this state, so `dca check` refuses a
+    /// Declares that the type keeps state from one calculation to the next, such as an estimate or the progress of a
+    /// motion. An instance that is restarted in the middle does not have this state, so `dca check` refuses a
     /// `restart` of this process alone. Do not use this for a type that finds its state again, from its inputs or from
     /// the database.
     #[must_use]

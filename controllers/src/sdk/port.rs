@@ -31,8 +31,9 @@ pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// an output that sends one aborts its controller.
     const ALLOW_NAN: bool = false;
 
-    /// Returns when the message was measured, on the clock of the device's host. Its age counts from this time, however
-    /// long it was in transit. Returns none if it was not measured; then its age counts from its arrival.
+    /// Returns when the message was measured, on the clock of the device's host. The age of the
+    /// sample is measured from this time, even if the sample was in transit for long. Returns none
+    /// if it was not measured; then its age counts from its arrival.
     fn stamp(&self) -> Option<Time> {
         None
     }

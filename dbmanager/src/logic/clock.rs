@@ -9,10 +9,11 @@
 //!
 //! *Why it is right.* Each timestamp is larger than all that its replica has issued or seen, for any wall clock. A
 //! replica that sees a transaction has seen its timestamp. So `a` before `b` in causality means `stamp(a) < stamp(b)`
-//! (I11). Timestamps order writes that did not see each other, and nothing else. A wrong date can make a write lose
-//! against a concurrent one (which is then listed as a conflict), but it can never hide a write from a client that saw
-//! it. Therefore no date is refused: a replica that refused a transaction that others accept would differ from them for
-//! ever. In a team with keys, replicas reject timestamps that no correct replica could have issued
+//! (I11). Timestamps order writes that did not see each other, and nothing else. A wrong date can
+//! make a write lose against a concurrent write. Such a pair is listed as a conflict. But a wrong
+//! date can never hide a write from a client that has seen it. Therefore no date is refused: a
+//! replica that refused a transaction that others accept would differ from them for ever. In a team
+//! with keys, replicas reject timestamps that no correct replica could have issued
 //! (`replica::authors`); all replicas decide alike.
 
 use crate::logic::version_vector::ReplicaId;

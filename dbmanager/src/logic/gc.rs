@@ -8,8 +8,9 @@
 //!
 //! *T5, nothing comes back.* Let a deletion `T` be stable here. Consider a transaction that has not seen `T`. A member committed it
 //! before it had `T`, so the transaction is within the version vector by which that member reported `T`. That version vector was counted
-//! only because the own one dominates it. So the transaction is already applied here, and `T` has met it. Every later transaction has
-//! `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers begin with a state that has `T` (see
+//! only because the own one dominates it. So the transaction is already applied here, and `T` was compared with it. Every
+//! later transaction has `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers begin with a
+//! state that has `T` (see
 //! [`member`](crate::logic::member)). A transaction that is rebased under a new origin removes every deletion in its context: if
 //! anything was dropped before the newcomer was known, then with the sponsor's consent, so it is in the state with which the newcomer
 //! begins.

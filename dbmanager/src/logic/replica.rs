@@ -87,8 +87,9 @@ impl Replica {
         })
     }
 
-    /// Opens a replica with a store that may be a copy of a store in use elsewhere, or older than the transactions that others
-    /// have from it. The replica gives up its origin before it writes anything.
+    /// Opens a replica whose store may be a copy of a store that is in use elsewhere, or may be
+    /// older than transactions that other replicas have received from it. The replica gives up its
+    /// origin before it writes anything.
     ///
     /// # Errors
     /// The errors of [`Replica::open`].

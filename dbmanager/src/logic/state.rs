@@ -13,10 +13,10 @@
 //! order of application that the log permits, the versions of a key are `{v | no w ▷ v}`, which depends only on the set of
 //! transactions. Equal version vectors mean equal sets (T6), and so equal states. Sets grow by union, which is a semilattice.
 //!
-//! *T2, one serial order.* Timestamps extend causality. So the largest timestamp among the versions is the largest of all writes to
-//! the key: a write that was taken away has a smaller timestamp than the one that took it away. The visible state is the result of
-//! running all transactions one after another by timestamp, in the same order for every key. So concurrent transactions never
-//! overwrite each other partly in one way and partly in the other.
+//! *T2, one serial order.* Timestamps extend causality. So the largest timestamp among the versions is the largest timestamp
+//! of all writes to the key. The reason: a removed write has a smaller timestamp than the write that removed it. The visible
+//! state is the result of running all transactions one after another by timestamp, in the same order for every key. So
+//! concurrent transactions never overwrite each other partly in one way and partly in the other.
 //!
 //! *T3, whole transactions.* One call applies all writes of a transaction, and readers see the state before or after it.
 //!

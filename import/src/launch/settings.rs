@@ -22,7 +22,7 @@ pub(super) struct Settings {
 }
 
 impl Settings {
-    /// Reads the settings of all nodes around a node, and those that it has itself.
+    /// Reads the settings of all nodes around a node, and the node's own settings.
     pub(super) fn read(&mut self, importer: &mut Importer<'_>, entity: &Entity) {
         let mut all = importer.scopes.settings();
         own_settings(importer, entity, "", &mut all);

@@ -126,7 +126,7 @@ fn state(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, ImportError>
     }
 }
 
-/// A history; one with several targets or actions leads to a state that leads to them.
+/// A history. If it has several targets or actions, it leads to an extra state, which leads to the targets and has the actions.
 fn history(writer: &mut Writer<'_>, node: Node<'_>, name: &str) -> Result<String, ImportError> {
     let deep = if node.attribute("type") == Some("deep") { "deep " } else { "" };
     if node.parent().is_none_or(|around| inner_states(around).next().is_none()) {

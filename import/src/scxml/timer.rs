@@ -114,7 +114,7 @@ pub(super) fn timers(own: &[Node<'_>], awaited: &Awaited) -> BTreeMap<String, Ti
             |node: &&Node<'_>| stems(node.attribute("event").unwrap_or_default()).any(|stem| matches(stem, event));
         let mut taking: Vec<&Node<'_>> = transitions.iter().filter(takes).collect();
         taking.pop();
-        // Each transition has a timer of its own here, and only a transition that leaves the state ends the others.
+        // Here, each transition has its own timer, and only a transition that leaves the state ends the other timers.
         let leaves =
             |node: &&Node<'_>| node.attribute("target").is_some() && node.attribute("type") != Some("internal");
         if !taking.iter().all(leaves) {

@@ -129,7 +129,7 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
     triggers
 }
 
-/// Returns what tells other states of the completion of a state, as a part of this state or of a final state in it.
+/// Returns the actions that report the completion of a state to other states, as a part of this state or of a final state in it.
 ///
 /// A final state raises the signal on its entry, where the event of the chart comes too. A parallel state raises the signal as
 /// soon as all its regions have completed, and again if it completes again.

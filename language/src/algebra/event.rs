@@ -12,7 +12,7 @@ pub const TAG_MAX: usize = 64;
 /// Bytes that one process leaves for the next, of any size; its receiver interprets them. Cloning shares the bytes.
 ///
 /// # Tags
-/// A process with several normal ends (`done(found: Pose | missing)`) puts the one it took before its value: one byte
+/// A process with several normal ends (`done(found: Pose | missing)`) puts the tag of its end before its value: one byte
 /// with the length of the tag, 1 to [`TAG_MAX`], then the tag, then the value. These are the bytes that postcard makes of
 /// the pair `(tag, value)`, so a controller needs no code of its own for it. Only a `match` looks at a tag, and takes it
 /// off without a copy; nothing in the bytes says whether there is one, so the interface of the process has to.

@@ -120,7 +120,7 @@ impl Words {
         self.words[..self.nodes].get(node).is_some_and(|&word| phase(word) == Phase::Waiting)
     }
 
-    /// Returns whether a `shield` has heard of a stop and waits, or a `finally` runs because of one.
+    /// Returns whether a `shield` has received a stop and waits, or a `finally` runs because of a stop.
     pub fn is_held_up(&self, program: &Program) -> bool {
         let mut nodes = self.words[..self.nodes].iter().zip(&program.nodes);
         nodes.any(|(&word, node)| {

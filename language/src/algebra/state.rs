@@ -149,9 +149,11 @@ impl State {
         self.queue.iter().map(|&node| program.taken(node).iter().map(|&index| program.resources()[index].as_str()))
     }
 
-    /// Returns what decides the future but for the numbers of activations: two states of one program with equal
-    /// configurations react alike to the same events. An explorer keys its visited states by this. It is what each node
-    /// does, and which of them wait, the first to come first. Of an activity, [`State::chart`] belongs to it.
+    /// Returns the part of the state that decides the future, without the numbers of activations.
+    /// Two states of one program with equal configurations react in the same way to the same
+    /// events. An explorer keys its visited states by this. It contains the phase of each node, and
+    /// the nodes that wait, in the order of their arrival. Of an activity, [`State::chart`] belongs
+    /// to it.
     pub fn configuration(&self) -> (&[Cell], &[usize]) {
         (&self.cells, &self.queue)
     }

@@ -98,8 +98,8 @@ impl ItemCollector<'_> {
         }
     }
 
-    /// Returns a reader of values. In a value, a name stands for a constant of this name if there is one, otherwise for
-    /// itself.
+    /// Returns a reader of values. In a value, a name means the constant with this name. If there
+    /// is no such constant, the name itself is the value.
     fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], consts: &self.spec.consts, indices: &[] };
         Reader { scope, diagnostics: self.diagnostics }

@@ -220,7 +220,7 @@ pub(crate) struct Value {
 }
 
 impl Value {
-    /// How many fields and elements it has, including those of the records in it.
+    /// The number of fields and elements, including the fields of the records inside.
     pub(crate) fn fields(&self) -> usize {
         match &self.kind {
             ValueKind::Record(fields) => fields.iter().map(|(_, value)| 1 + value.fields()).sum(),

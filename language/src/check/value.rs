@@ -24,7 +24,7 @@ pub(super) struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// Reads a constant. A name may be a parameter or a named constant, otherwise it stands for itself.
+    /// Reads a constant. A name may be a parameter or a constant. Otherwise the name itself is the value.
     pub(super) fn value(&mut self, node: &Node) -> Value {
         let span = node.span();
         if let Some(text) = node.token(Text) {

@@ -253,7 +253,7 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
     links
 }
 
-/// Notes the resources that each member holds while it runs; `held` has those of the `using`s around it.
+/// Notes the resources that each member holds while it runs. `held` has the resources of the `using`s around the expression.
 fn take(unit: &mut Unit, process: &Process, expr: &Expr, held: &mut Vec<usize>) {
     let before = held.len();
     if let ExprKind::Using(taken, _) = &expr.kind {

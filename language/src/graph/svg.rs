@@ -2,7 +2,8 @@
 //!
 //! In a picture of a running mission, the parts have classes, and a page colours them. Its style sheet is stronger than the colours
 //! here.
-//! Each box has the key of its process or state, each arrow the numbers of its wires, and both have an empty text for the page.
+//! Each box has the key of its process or state, and each arrow has the numbers of its wires. Boxes and arrows have an
+//! empty text, which the page fills.
 
 use super::font;
 use super::layout::{BAND, Placed, labels, layout, plate, plate_width, text_width};

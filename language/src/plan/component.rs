@@ -13,8 +13,9 @@ pub enum Failing {
 }
 
 impl Plan {
-    /// Returns the plan with a program of another plan added to a group, beside everything else in it: `main/name` of that one, with
-    /// its connections to programs of the same names in the group.
+    /// Adds a program of another plan to a group of this plan, and returns the new plan. The
+    /// program is `main/name` of the other plan. It keeps its connections to programs that have the
+    /// same names in the group.
     ///
     /// # Errors
     /// A sentence for a person: no such group or program, or a name that is taken.
@@ -217,8 +218,8 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         Expression::Using { resources, of } => {
             without(of, member)?.map(|of| Expression::Using { resources: resources.clone(), of: Box::new(of) })
         }
-        // At this place a value is passed on, or the operand is counted: the author has to decide what the expression
-        // is without it.
+        // At this place a value is passed on, or the operand is counted. So the author has to
+        // decide how the expression works without this operand.
         Expression::Conditional(..)
         | Expression::Recurrent(..)
         | Expression::AnyOf { .. }

@@ -125,8 +125,9 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
     difference_with(running, wanted, &BTreeSet::new())
 }
 
-/// Does as [`difference`], where the programs of some leaves that run are started `again` although nothing of them differs. That
-/// changes the plan, and counts as a change, for those that overlap with the next one.
+/// Does as [`difference`], where the programs of some leaves that run are started `again` although
+/// nothing of them differs. For programs that overlap with the next program, this changes the plan,
+/// and is treated as a change.
 ///
 /// # Errors
 /// As [`difference`].

@@ -17,7 +17,8 @@ pub struct Environment {
     pub variables: BTreeMap<String, String>,
     /// The variables that it takes over from its node: names, or with `*` at the end how names begin.
     pub inherited: BTreeSet<String>,
-    /// The folder that it runs in, absolute or from the folder in which its node was started; without it that one.
+    /// The working folder of the program, absolute or relative to the folder in which its node was started. The default
+    /// is the folder in which the node was started.
     pub directory: Option<String>,
 }
 

@@ -10,7 +10,7 @@ use serde::ser::{Serialize, Serializer};
 use std::cell::Cell;
 
 thread_local! {
-    /// How many expressions are being read, each inside the one before it.
+    /// How many nested expressions are being read.
     static OPEN: Cell<usize> = const { Cell::new(0) };
 }
 

@@ -99,7 +99,7 @@ impl Accepts {
         }
     }
 
-    /// Returns the symbol of the SI unit of the values, such as `N`; none if they have no unit.
+    /// Returns the symbol of the SI unit of the values, such as `N`. None if the values have no unit.
     pub fn unit(&self) -> Option<String> {
         match self {
             Self::Quantity { of, .. } => unit::symbol(of),

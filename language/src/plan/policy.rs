@@ -98,7 +98,7 @@ pub enum LinkLoss {
     Leave,
     /// The program continues.
     Keep,
-    /// The program stops by its own rules this long after it missed one of them.
+    /// The program stops by its own rules, this time after one of these hosts became missing.
     SafeStopAfter(Duration),
     /// The program continues its activation, and begins no other.
     Hold,

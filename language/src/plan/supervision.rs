@@ -6,7 +6,7 @@ use std::time::Duration;
 /// The most restarts that a group may allow.
 pub const RESTARTS_MAX: u32 = 1000;
 
-/// How a group supervises its programs; the default is that each is started again by itself.
+/// How a group supervises its programs. By default, each program is restarted alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Supervision {
     /// The programs that are restarted together with the one that has died.

@@ -10,7 +10,7 @@ macro_rules! kinds {
             $(#[doc = $written] $operator,)*
         }
 
-        /// An event action by its operator, or by what it is without one.
+        /// An event action, named after its operator, or after its kind if it has no operator.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(crate) enum Operator {
             $(#[doc = $written] $operator,)*

@@ -1,9 +1,10 @@
 //! The control group of one program that has limits which only a group can hold: memory, processes, processor share.
 //!
-//! The shim makes the group before the gate, so that a host that cannot hold a limit refuses while nothing runs. The
-//! program joins it before it is executed, so that whatever it starts is born there. The second version of control
-//! groups is used where its controllers are delegated, the first where it is mounted and writable. Sources:
-//! cgroup-v2.rst, cgroup-v1/{memory,pids}.rst and sched-bwc.rst in Documentation of Linux.
+//! The shim makes the group before the gate, so that a host that cannot hold a limit refuses while nothing
+//! runs. The program joins the group before it is executed, so that all its child processes begin in the
+//! group. The second version of control groups is used where its controllers are delegated, the first where
+//! it is mounted and writable. Sources: cgroup-v2.rst, cgroup-v1/{memory,pids}.rst and sched-bwc.rst in
+//! Documentation of Linux.
 
 use comms::logic::human::cause;
 use shim::process_record::Process;
@@ -120,7 +121,7 @@ impl Group {
         Ok(Place { folder, ..place })
     }
 
-    /// Returns the limit that a program with this end has met, if it has met one.
+    /// Returns the limit that a program with this end has reached. None if the program reached no limit.
     pub(crate) fn reason(&self, end: ProgramEnd) -> Option<EndReason> {
         let count = |place: &Place, file: &str, name: &str| {
             let text = std::fs::read_to_string(place.folder.join(file)).unwrap_or_default();

@@ -35,12 +35,13 @@ pub(crate) struct Arguments {
     /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
     #[arg(long = "controllers", value_name = "PROGRAM")]
     pub(super) controllers: Vec<PathBuf>,
-    /// A variable that programs take over from this node, beside PATH, HOME, USER, LANG, TZ and RUST_LOG: a name, or how names begin, such
-    /// as `ROS_*`; may be given more than once
+    /// A variable that programs inherit from this node, in addition to PATH, HOME, USER, LANG, TZ
+    /// and RUST_LOG: a name, or the beginning of names, such as `ROS_*`; may be given more than
+    /// once
     #[arg(long = "inherit", value_name = "NAME", value_delimiter = ',', value_parser = inherited)]
     pub(super) inherited: Vec<String>,
-    /// How long programs have to stop when this node is gone, in seconds [default: they go on, and this node finds them again
-    /// when it is started again]
+    /// How long programs may take to stop when this node is gone, in seconds [default: programs
+    /// continue, and this node finds them when it is started again]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub(super) agent_loss_grace: Option<Duration>,
     /// Folder for sockets and output [env: DCA_RUN_DIR]; its path, a slash and the node's name have 45 bytes at the most

@@ -19,7 +19,7 @@ const UNIT: &str = "dca-node.service";
 /// The folder that exists if systemd runs the machine. Source: sd_booted(3).
 const BOOTED: &str = "/run/systemd/system";
 
-/// The arguments of `dca-node install`, besides the options that the node is to have.
+/// The arguments of `dca-node install`, without the options for the node.
 #[derive(Debug, clap::Args)]
 pub(super) struct Install {
     /// Print the unit, and write nothing

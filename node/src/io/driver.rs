@@ -348,7 +348,7 @@ impl Driver {
                 let (orders, notices) = counts;
                 self.running.returning.is_back(&process, notices);
                 let why = self.resume(&process, &sender, version, orders).err();
-                // The program first waits for an order, so the parameters come after that.
+                // The program first waits for an order, so the parameters come after this order.
                 self.tell_parameters(&sender, &process);
                 self.running.programs.insert(process.clone(), (number, sender));
                 why.map(|why| Input::Undelivered { process, why })

@@ -28,7 +28,8 @@ pub(crate) struct Secrets {
     member: Option<Arc<Member>>,
     database: Handle,
     host: String,
-    /// The number of its next request. It counts downwards, so that the numbers differ from those of other callers of the node.
+    /// The number of its next request. The counter goes downwards, so that its numbers differ from the numbers of other
+    /// callers of the node.
     next: AtomicU64,
 }
 

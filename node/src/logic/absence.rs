@@ -12,7 +12,7 @@
 //!
 //! A node that ends on request announces this to the others. They do not list its host, and never say that something may still run there.
 //!
-//! A host is listed for [`HOSTS_KEPT`], and an open end is kept until it is confirmed or a user has the node forget it.
+//! A host is listed for [`HOSTS_KEPT`]. An open end is kept until it is confirmed, or until a user tells the node to forget it.
 //! The number of both is limited, and the oldest is dropped first.
 
 use super::effect::{Effect, Out};

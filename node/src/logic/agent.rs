@@ -135,7 +135,7 @@ impl Agent {
         self.look_back(&mut out);
         self.take(input, &mut out);
         self.tick(&mut out);
-        // Messages to this node may cause further ones; each is handled after the message that caused it.
+        // Messages to this node may cause further messages. Each message is handled after the message that caused it.
         let mut messages = VecDeque::from(std::mem::take(&mut more));
         loop {
             while let Some((to, message)) = messages.pop_front() {
@@ -158,7 +158,8 @@ impl Agent {
         self.tidy_up(now, effects);
     }
 
-    /// Returns whether a successor has anything to take over: a deployment, one that has just ended, or programs of one.
+    /// Returns whether the next node has anything to take over: a deployment, a deployment that has just ended, or
+    /// programs of a deployment.
     pub fn is_engaged(&self, now: Time) -> bool {
         let is_idle = self.coordinators.is_empty() && self.participants.is_empty() && self.pending.waiting().is_empty();
         self.past.is_engaged(now) || !is_idle
@@ -194,12 +195,12 @@ impl Agent {
         (self.identity.pid, self.programs, self.identity.is_guarded) = (pid, programs, is_guarded);
     }
 
-    /// Returns which epoch of a deployment has its home here; 0 if none has.
+    /// Returns the epoch of a deployment that has its home here. Returns 0 if there is no such deployment.
     pub fn epoch(&self, name: &str) -> u64 {
         self.coordinators.keys().find(|deployment| deployment.name == name).map_or(0, |deployment| deployment.epoch)
     }
 
-    /// Returns how many programs and groups were looked at, all in all.
+    /// Returns the total number of programs and groups that were looked at.
     pub fn visits(&self) -> u64 {
         self.participants.values().map(Participant::visits).sum()
     }
@@ -299,8 +300,8 @@ impl Agent {
         self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
     }
 
-    /// Goes on after it was made again from its inputs: the killed node may not have asked or written something, and has not heard
-    /// the answers.
+    /// Continues after the agent was made again from its inputs. The killed node may have left some
+    /// questions and writes undone, and has not received the answers.
     fn adopted(&mut self, away: Duration, out: &mut Out<'_>) {
         self.run.adopted(out.now);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.adopted(away));

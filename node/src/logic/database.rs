@@ -383,8 +383,9 @@ impl Database {
         }
     }
 
-    /// Makes room for a replica that was heard; returns whether it has room. If necessary, another replica gives way: the
-    /// one heard longest ago, first among those outside the team. A member gives way only to a member.
+    /// Makes room for a replica that was heard; returns whether it has room. If necessary, another
+    /// replica is dropped: first a replica outside the team, and of these the replica that was
+    /// heard longest ago. A member is dropped only for another member.
     fn has_room_for(&mut self, from: ReplicaId) -> bool {
         if self.heard.len() < HEARD_MAX || self.heard.contains_key(&from) {
             return true;

@@ -276,8 +276,8 @@ impl Executer {
         earliest(timer, self.members.deadline(|slot| self.fences.against(slot).is_none()))
     }
 
-    /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and reports it to
-    /// the users who watch: no other part of the system does.
+    /// Adds path and time to a failure that was assumed for a member because its host is silent.
+    /// Reports the failure to the users who watch, because no other part of the system reports it.
     fn complete(&self, slot: u32, failure: &mut Failure, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         failure.origin = member_path(context.plan, group, slot).unwrap_or_default();

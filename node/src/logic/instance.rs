@@ -132,7 +132,7 @@ struct Program {
     pid: Option<u32>,
     /// Whether its shim was killed, because the shim did not end the program in time.
     shim_was_killed: bool,
-    /// By when nothing may be left any more of a program that has ended by itself.
+    /// The time by which all processes of a program that has ended by itself must be gone.
     clearing: Option<Time>,
     /// Whether the program has died by itself, and whether an activation has failed because of that.
     death: Option<DeathTold>,
@@ -432,8 +432,10 @@ impl Instance {
         matches!(self.stage, Stage::Stopping { .. } | Stage::Replacing { is_stopping: true, .. })
     }
 
-    /// Returns whether a program that has died is started again with its next activation: it took part, nothing of it is left, its
-    /// death was told, and it was not given up by its own policy.
+    /// Returns whether a program that has died is started again with its next activation. The
+    /// conditions: it took part, nothing of it is left, its death was reported, and its policy is
+    /// `restart temporary`. With another policy, a dead program was given up after too many
+    /// restarts.
     fn is_renewable(&self) -> bool {
         let is_told = self.program.death == Some(DeathTold::Yes) && !self.is_unconfirmed();
         is_told && self.joined && self.is_controller() && !self.restarts.are_allowed()

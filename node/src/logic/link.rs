@@ -134,7 +134,7 @@ impl Link {
     }
 
     /// Drops the messages that have not arrived: the peer is considered lost, and must not act on them when it returns.
-    /// Final messages are kept, since a peer that has not lost this node waits for them. Until the peer is reached
+    /// Final messages are kept, because a peer that has not lost this node waits for them. Until the peer is reached
     /// again, only one message at a time is sent again.
     pub fn abandon(&mut self) {
         self.lost = true;

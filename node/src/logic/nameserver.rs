@@ -45,8 +45,8 @@ const DOUBT_RIVAL: Duration = Duration::from_secs(2);
 /// The time after which a silent node counts as missing, from its last answer. The node is asked each second, and its
 /// usual time to answer is added.
 pub(super) const SILENCE_MAX: Duration = Duration::from_millis(2500);
-/// The time from the last answer of a silent node to the start of its absence. A node that counts as missing has been
-/// absent since then, and [`LOST_AFTER`] counts from then.
+/// The time from the last answer of a silent node to the start of its absence. A missing node has
+/// been absent since then, and [`LOST_AFTER`] is measured from then.
 pub(super) const SILENCE_MISSING: Duration = Duration::from_secs(1);
 /// How long lost nodes are remembered. After that, no answer to a round from before the loss is accepted any more.
 pub(super) const REMEMBERED: Duration = Duration::from_secs(120);

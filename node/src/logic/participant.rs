@@ -1,11 +1,13 @@
 //! A deployment's part on this host: its programs and the supervisors of its groups.
 //!
 //! Life: `Preparing` (programs started, each has said where it is or why not) → `Connecting` (links made, closed) →
-//! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
-//! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
+//! `Running` → `Leaving` (every program told to go) → nothing. The home node orders each step. If
+//! the home node is lost, the participant leaves by itself, unless the spec says that some of its
+//! programs continue (`loss`).
 //!
-//! This file passes each input to the part that it is about, and each report of a program or supervisor to the parts that
-//! depend on it. `life` prepares, runs and ends the processes, `change` changes the deployment while it runs. The parts:
+//! This file passes each input to the part that it concerns, and each report of a program or
+//! supervisor to the parts that depend on this report. `life` prepares, runs and ends the
+//! processes, `change` changes the deployment while it runs. The parts:
 //!
 //! - `site`: the deployment, the place of this host in it, and the messages about it.
 //! - `roll`: the reports of programs before GO. `activation`: the activations that wait.
@@ -137,8 +139,9 @@ impl Participant {
         self.site.path(leaf)
     }
 
-    /// Returns the hosts whose loss matters here: the home, the hosts of everything supervised from here, on any level,
-    /// and the hosts that supervise something here. The loss of any other host is left to its supervisors.
+    /// Returns the hosts whose loss matters here: the home, the hosts of all processes that are
+    /// supervised from here on any level, and the hosts that supervise a process here. The loss of
+    /// any other host is left to its supervisors.
     pub fn relevant_hosts(&self) -> &BTreeSet<String> {
         &self.site.relevant
     }
@@ -148,7 +151,7 @@ impl Participant {
         &self.claims
     }
 
-    /// Returns how many of its machines were looked at, all in all.
+    /// Returns how many of the participant's machines were looked at in total.
     pub fn visits(&self) -> u64 {
         self.processes.visits()
     }

@@ -19,7 +19,7 @@ pub struct Programs {
 }
 
 impl Programs {
-    /// Notes that `executable` offers these types. If several executables offer one type, the first of them keeps it.
+    /// Notes that `executable` offers these types. If several executables offer one type, the first executable keeps it.
     pub fn offer(&mut self, executable: &str, types: impl IntoIterator<Item = String>) {
         for name in types {
             self.types.entry(name).or_insert_with(|| executable.to_owned());

@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex};
 /// A topic or a service that a bridge carries.
 #[derive(Debug)]
 pub(crate) struct Carried {
-    /// The port, the export or the call of the bridge that stands for it.
+    /// The port, the export or the call of the bridge that represents it.
     pub(crate) port: &'static str,
     type_name: &'static str,
     pub(crate) route: Route,

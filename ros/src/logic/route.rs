@@ -92,7 +92,8 @@ impl Route {
         is_transforms(&self.of)
     }
 
-    /// Returns whether its messages are static transforms: the last message of each publisher counts, and not only the last one.
+    /// Returns whether the messages are static transforms. Then the last message of each publisher is valid, and not
+    /// only the last message of all.
     pub fn has_static_transforms(&self) -> bool {
         self.has_transforms() && self.qos.durability == Durability::TransientLocal
     }

@@ -1,5 +1,5 @@
-//! Certificates that members renew for each other. Others renew this node's certificate; this node renews those of others, if its
-//! role allows it.
+//! Certificates that members renew for each other. Other nodes renew the certificate of this node.
+//! This node renews the certificates of other nodes, if its role allows this.
 
 use super::{CREDENTIAL, Member};
 use crate::audit::AuditEntry;

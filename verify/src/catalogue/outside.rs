@@ -1,8 +1,9 @@
 //! Suspects: nodes that may get stuck when their part is alone. This module checks whether the parts around them end
 //! them, by a limit or another process.
 //!
-//! A group is first explored alone, without its surroundings. Each suspect found there is checked again in the groups
-//! around it, the nearest group first, until it can always continue in one of them.
+//! A group is first explored alone, without its surroundings. Each suspect found there is checked
+//! again in the groups around it, from the nearest group outwards, until the suspect can always
+//! continue in one of these groups.
 
 use super::{Asked, Catalogue, ends_round, waits_or_is_active};
 use crate::explore::{Limits, Nobody, Reached, explore};

@@ -414,8 +414,8 @@ impl Reaction<'_, '_> {
     }
 }
 
-/// Returns the change that observers see at an end. A member with an order to stop counts as stopped, whatever its
-/// outcome.
+/// Returns the change that observers see at an end. A member with an order to stop is treated as
+/// stopped, regardless of its outcome.
 fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
     match outcome {
         Outcome::Aborted(reason) => Changed::Aborted(Failure::of(&reason.cause).report()),

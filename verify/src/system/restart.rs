@@ -3,8 +3,9 @@
 //! The activation of the member outlives the death of its program. The supervisor does not learn of the death, and the program is
 //! away until it runs again as if it had just begun. Depending on the strategy of its group, programs of other members are
 //! restarted with it. A program that has died too often has failed, and cannot be started any more. A group whose programs have
-//! died too often stops everything and has failed. States do not count the deaths, so each consequence may come at any time at
-//! which it is possible at all. The rules are those of `node/src/logic`: `instance/restarts`, `executer/supervision`.
+//! died too often stops everything and has failed. States do not count the deaths, so each
+//! consequence may come at any time at which it is possible. The rules are those of
+//! `node/src/logic`: `instance/restarts`, `executer/supervision`.
 
 use super::{Changed, FaultKind, Frame, Label, System, small};
 use crate::model::{Model, Seat};

@@ -72,8 +72,8 @@ impl System<'_> {
         self.transit = followed;
     }
 
-    /// Makes all orders to start take time that share a link with the order to a member, so that a later message on the
-    /// link is behind them.
+    /// Finds all orders to start that share a link with the order to a member. Makes these orders
+    /// take time, so that a later message on the link arrives after them.
     pub(crate) fn follow_link(&mut self, member_ref: MemberRef) {
         let MemberRef { unit, .. } = member_ref;
         let link = (self.host_of(unit), self.host_of_seat(member_ref));

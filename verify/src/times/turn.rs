@@ -1,9 +1,9 @@
 //! Computes how long a `using` waits for its turn.
 //!
 //! A waiting `using` is in a queue, behind every earlier one that wants the same resources. So each other `using` that may
-//! be active at the same time gets its resources at most once before this one's turn comes. The same limit applies to a
-//! `using` that shares no resource with this one, but shares one with another `using` in the queue, which may have to wait
-//! for it.
+//! be active at the same time gets its resources at most once before this one's turn comes. The
+//! same limit applies to a `using` that shares no resource with this `using`, but shares a resource
+//! with another `using` in the queue, because that other `using` may have to wait for it.
 
 use super::{Times, add};
 use language::plan::{Expression, Group};

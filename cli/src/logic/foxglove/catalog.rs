@@ -48,7 +48,7 @@ impl Source {
     }
 }
 
-/// The encoding of the messages of a channel, and that of their schema, as the registry of MCAP names them.
+/// The encoding of the messages of a channel, and the encoding of their schema, with the names of the MCAP registry.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Encodings {
     pub(super) messages: String,

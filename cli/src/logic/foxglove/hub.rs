@@ -1,7 +1,8 @@
 //! All clients, with the channels and services that they are offered.
 //!
-//! The hub is pure: frames of clients and news of robots go in with the time, and frames for clients and orders for robots come
-//! out. Each client has limits of its own, so that none can slow down another.
+//! The hub is pure. Its inputs are the time, frames of clients, and changes of robots. Its outputs
+//! are frames for clients, and orders for robots. Each client has separate limits, so that no
+//! client can slow down another client.
 
 use super::catalog::{Catalog, Description, Source, Target};
 use super::lasting::Lasting;
@@ -34,7 +35,7 @@ const PROBLEMS_MAX: usize = 5;
 /// All clients.
 #[derive(Debug)]
 pub(crate) struct Hub {
-    /// The number of this view, which tells a client whether it connects to another one.
+    /// The number of this view. By this number, a client notices that it connects to another view.
     session: String,
     catalog: Catalog,
     missions: BTreeMap<MissionId, LiveMission>,
@@ -224,7 +225,7 @@ impl Hub {
         });
     }
 
-    /// Takes the present values of all parameters in, and tells clients about those that have changed.
+    /// Stores the present values of all parameters, and sends the changed values to clients.
     pub(crate) fn parameters(&mut self, values: Vec<ParameterValue>) {
         let changed: Vec<ParameterValue> =
             values.iter().filter(|one| self.parameters.get(&one.name) != Some(&one.value)).cloned().collect();

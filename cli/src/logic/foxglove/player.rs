@@ -6,7 +6,7 @@ use std::time::Duration;
 
 /// How often the clock moves while it runs.
 const TICK: Duration = Duration::from_millis(20);
-/// The most that the clock moves at once, at its normal speed. After a longer pause of this program, it goes on where it was.
+/// The most that the clock moves at once, at its normal speed. After a longer pause of this program, the playback continues where it was.
 const STEP_MAX: Duration = Duration::from_millis(500);
 /// The speeds that can be chosen.
 const SPEED_MIN: f64 = 0.01;

@@ -1,6 +1,6 @@
 //! Escapes text for HTML, and writes numbers.
 
-/// Returns `text` with the characters that mean something in HTML replaced, and those that no document of XML may have.
+/// Returns `text` with two kinds of characters replaced: characters with a meaning in HTML, and characters that XML does not allow.
 pub(crate) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {

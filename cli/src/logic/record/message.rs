@@ -75,8 +75,8 @@ pub(crate) fn names(fields: &[Field]) -> Vec<String> {
     names
 }
 
-/// Decodes a message to an object; returns nothing unless all bytes fit the layout. A field is left out if it has a
-/// number that JSON cannot hold, such as an infinite one.
+/// Decodes a message to an object; returns nothing unless all bytes fit the layout. A field is left
+/// out if JSON cannot represent its number, for example an infinity.
 pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     let value = read(&message.layout, bytes, &mut Json)?;
     Some(match (&message.layout, value) {

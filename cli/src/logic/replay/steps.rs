@@ -10,7 +10,7 @@ use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The most activations for which a person is told the number of values of each.
+/// The largest number of activations for which the message lists the number of values of each activation.
 const ACTIVATIONS_MAX: usize = 8;
 
 /// The recorded values of the outputs of a process.

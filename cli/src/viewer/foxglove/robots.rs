@@ -263,7 +263,7 @@ impl Robots {
         self.located.retain(|_, asked| now.since(*asked) < LOCATE_EVERY);
     }
 
-    /// Asks a program for its outputs and exports, unless it has told them.
+    /// Asks a program for its outputs and exports, unless it has already reported them.
     fn describe(&mut self, host: &str, name: ProgramName, dial: Dial) {
         let now = clock::now();
         let Some(taps) = self.taps(name.mission.fleet) else { return };
@@ -287,7 +287,7 @@ impl Robots {
         });
     }
 
-    /// Begins to hear what is wanted, and ends what is not wanted any more.
+    /// Begins the wanted subscriptions, and ends the subscriptions that are no longer wanted.
     fn hear(&mut self, live: &Live, model: &Model, hub: &mut Hub) {
         let wanted = hub.wanted();
         let mut lines: BTreeSet<Line> = BTreeSet::new();

@@ -33,7 +33,7 @@ pub struct NoticeSender {
 pub struct OrderReceiver {
     channel: Arc<Channel>,
     decoder: Decoder,
-    /// The time at which the node counts as stuck, while it does not read what was sent.
+    /// The time at which the node is treated as stuck, if it does not read the sent data before.
     stuck_at: Option<Time>,
 }
 

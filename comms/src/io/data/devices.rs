@@ -34,8 +34,8 @@ impl Voucher {
 }
 
 impl DeviceGate {
-    /// Returns a gate that lets in nothing yet. `refused` gets the reason of each drop, and the session that the
-    /// sample claims to come from; it must only note them.
+    /// Returns a gate that lets in nothing yet. `refused` gets the reason of each drop, and the
+    /// session that the sample claims to come from. `refused` may only note these.
     pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
         Self { senders: Mutex::default(), refused: Box::new(refused) }
     }

@@ -176,8 +176,8 @@ impl Sealer {
 }
 
 impl Opener {
-    /// Returns an opener without a key. `refused` gets the reason of each drop, and the session that the message claims
-    /// to come from; it must only note them.
+    /// Returns an opener without a key. `refused` gets the reason of each drop, and the session
+    /// that the message claims to come from. `refused` may only note these.
     pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
         Self { state: Mutex::default(), refused: Box::new(refused) }
     }

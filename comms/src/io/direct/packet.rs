@@ -62,7 +62,7 @@ pub(super) fn send_waiting(
     }
 }
 
-/// Receives a packet; returns how long it is, 0 at the end, and the descriptor that came with it.
+/// Receives a packet. Returns its length, which is 0 at the end, and the descriptor that came with it.
 pub(super) fn receive(socket: impl AsFd, buffer: &mut [u8], waits: Waits) -> Result<(usize, Option<OwnedFd>), Errno> {
     let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
     let mut control = RecvAncillaryBuffer::new(&mut space);

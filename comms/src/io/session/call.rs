@@ -197,9 +197,9 @@ impl Session {
         Ok(Some((Pull::One { nonce, proof }, expect)))
     }
 
-    /// Calls the server of `key`, which sends a stream of answers. The stream ends after the last answer. It ends with an
-    /// error if the server vanishes, or does not send for `silence_max` that it is still there. The server waits for a
-    /// caller that takes no answers.
+    /// Calls the server of `key`, which sends a stream of answers. The stream ends after the last
+    /// answer. It ends with an error if the server vanishes, or sends no sign of life for
+    /// `silence_max`. The server waits for a caller that takes no answers.
     ///
     /// # Errors
     /// If the session is closed. A missing server is an error in the stream.

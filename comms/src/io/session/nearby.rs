@@ -244,8 +244,8 @@ impl Family {
     }
 }
 
-/// Returns the address at which a node listens with TCP. It stands for every address that this machine has or will have, of both
-/// families if the kernel has both.
+/// Returns the address at which a node listens with TCP. It means every address that this machine
+/// has or will have, IPv4 and IPv6 if the kernel has both.
 pub(crate) fn everywhere() -> IpAddr {
     let both = std::net::TcpListener::bind(SocketAddr::new(Ipv6Addr::UNSPECIFIED.into(), 0));
     if both.is_ok() { Ipv6Addr::UNSPECIFIED.into() } else { Ipv4Addr::UNSPECIFIED.into() }

@@ -31,7 +31,7 @@ pub(super) struct Place {
 /// The destinations of the values of an output.
 pub(super) struct Outlet {
     pub(super) targets: Vec<Target>,
-    /// Its index among the outputs that lead to other members, if it is one of them.
+    /// The index of this output among the outputs that lead to other members. None if this output leads to no member.
     pub(super) inner: Option<usize>,
 }
 

@@ -11,7 +11,7 @@ pub struct Disturbance {
     pub transfer_jitter: Duration,
     /// The probability that a calculation is delayed.
     pub hold_chance: f64,
-    /// The longest such delay; delays are evenly distributed from a third of it.
+    /// The longest such delay. Delays are evenly distributed between a third of this time and this time.
     pub hold_max: Duration,
     /// The probability that a sample is lost.
     pub drop_chance: f64,

@@ -121,7 +121,7 @@ pub struct LockUser {
     open: BTreeMap<u64, u64>,
     inputs: Vec<ClientInput>,
     lost: Option<Denied>,
-    /// The holder when this user was last told to wait; empty if there was none.
+    /// The holder when this user was last told to wait. Empty if there was no holder.
     holder: String,
 }
 

@@ -43,7 +43,7 @@ pub struct Taken<T> {
 }
 
 impl<T: Message> Queue<T> {
-    /// Returns an empty queue; a capacity of zero counts as one.
+    /// Returns an empty queue. A capacity of zero means one.
     pub fn new(capacity: usize, full: Full) -> Self {
         let capacity = NonZeroUsize::new(capacity).unwrap_or(NonZeroUsize::MIN);
         let settings = QueueSettings { type_name: T::TYPE.to_owned(), capacity, full, data_size_max: DATA_SIZE_MAX };
@@ -181,7 +181,7 @@ pub struct EncodedMessage {
     pub data: Vec<u8>,
     /// See [`Header::category`].
     pub category: String,
-    /// The recipient, one of the processes that the spec connects; if empty, the first of them.
+    /// The recipient, which is a process that the spec connects. If empty, it is the first such process.
     pub recipient: String,
     /// See [`Header::priority`].
     pub priority: u8,

@@ -110,8 +110,8 @@ pub struct Dropped {
 }
 
 impl<T: Message> Router<T> {
-    /// Returns a router without subscribers. `sender` is the sender of its messages. `outbox_max` is the largest number
-    /// of messages that wait for one subscriber; zero counts as one.
+    /// Returns a router without subscribers. `sender` is the sender of its messages. `outbox_max`
+    /// is the largest number of messages that wait for one subscriber. Zero means one.
     ///
     /// # Errors
     /// If the system gives no random number for the router.

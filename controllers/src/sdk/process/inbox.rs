@@ -381,7 +381,7 @@ impl Inbox {
         (!wires.is_empty()).then_some(Notice::Refused { wires })
     }
 
-    /// Makes all losses count as unknown, so that another node gets them.
+    /// Marks all losses as not yet reported, so that another node gets them.
     pub(super) fn tell_losses_again(&self) {
         let losses = &mut self.lock().losses;
         losses.is_news = !losses.of_wires.is_empty() || !losses.refused.is_empty();

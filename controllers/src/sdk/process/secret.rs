@@ -1,5 +1,5 @@
-//! Reads the secrets that a node hands to a program: as files in memory when the program is started, and over the
-//! control channel when they change.
+//! Reads the secrets that a node gives to a program. They come as files in memory when the program
+//! is started, and over the control channel when they change.
 
 use crate::sdk::arguments::{Arguments, SECRET_MAX, Secret};
 use std::fs::File;

@@ -4,11 +4,11 @@
 //! it writes the first sector of the file, which has two slots for the root of a state. The root of the new state goes
 //! into the slot that the last state does not use, and a mark tells which slot is the newest. One `fdatasync` follows.
 //! Each parent stores a checksum of 128 bits beside the number of a page. Each slot has such a checksum of its root, and
-//! another one of itself. After a power cut, any of these writes may be present or missing. If all are present, the file
-//! has the new state. Otherwise some checksum does not fit, and the other slot leads to the last state, of which no page
-//! was touched. So one sync is enough. Two phases (`set_two_phase_commit`) would cost a second sync, and would help only
-//! against an attacker who chooses both the values and the order of the drive's writes. When the file grows, it is synced
-//! before any content depends on the new length.
+//! another checksum of the slot itself. After a power cut, any of these writes may be present or missing. If all are
+//! present, the file has the new state. Otherwise some checksum does not fit, and the other slot leads to the last state,
+//! of which no page was touched. So one sync is enough. Two phases (`set_two_phase_commit`) would cost a second sync, and
+//! would help only against an attacker who chooses both the values and the order of the drive's writes. When the file
+//! grows, it is synced before any content depends on the new length.
 //!
 //! *Additions.* The engine checks checksums only if it was not closed properly, and may panic over damage; this adapter
 //! checks all of them at every opening. The engine never syncs the folder; every opening of a store does. The engine

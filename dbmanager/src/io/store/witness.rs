@@ -1,4 +1,4 @@
-//! The witness: a file beside the store that shows whether the store is still the same one.
+//! The witness: a file beside the store, which shows whether the store is still the same store.
 //!
 //! A store may be restored from a backup, or copied to another robot. It would then continue its numbers from that time, but
 //! other replicas already know other transactions by those numbers. So each store has a random number, and counts its

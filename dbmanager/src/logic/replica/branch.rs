@@ -52,8 +52,9 @@ pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)
     }
 }
 
-/// Handles the case that a peer knows different transactions, but too little of the log is kept here to tell which of `hashes` differ. Each
-/// transaction that cannot be compared may be one of them. The replica with the smaller origin sends how far it has those chains.
+/// Handles the case that a peer knows different transactions, but too little of the log is kept
+/// here to tell which of `hashes` differ. Each transaction that cannot be compared may be such a
+/// transaction. The replica with the smaller origin sends how far it has those chains.
 fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let (log, me) = (ledger.log(), ledger.identity.origin());
     let untold = hashes.iter().map(|(dot, _)| *dot).filter(|dot| dot.origin != me && log.hash(*dot).is_none());

@@ -115,14 +115,14 @@ impl Contents {
         dot
     }
 
-    /// Returns the message that tells a peer the last transaction of an origin here.
+    /// Returns the message that tells a peer the last transaction that this replica has of an origin.
     pub(super) fn tip_of(&self, origin: ReplicaId) -> Message {
         let (seq, hash) = self.log.tip(origin);
         Message::Chunk(Chunk::Fork { seq, hash })
     }
 
-    /// Returns the message that tells a peer the hashes of these transactions here, because the peer knows different
-    /// ones.
+    /// Returns the message that tells a peer the hashes that these transactions have here, because
+    /// the peer knows different hashes.
     pub(super) fn links_of(&self, of: impl IntoIterator<Item = (ReplicaId, u64)>) -> Message {
         let known = of.into_iter().filter_map(|(origin, seq)| {
             let dot = Dot { origin, seq };

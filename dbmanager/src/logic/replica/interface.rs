@@ -16,7 +16,7 @@ pub struct Config {
     pub robot: String,
     /// Random bits of the system, from which origins are generated.
     pub seed: u64,
-    /// How many bytes of transactions are kept although all members have them.
+    /// How many bytes of transactions are kept, although all members already have them.
     pub log_size: usize,
 }
 

@@ -6,7 +6,7 @@
 //! messages are late.
 //!
 //! A peer that has announced its answer ([`Message::Coming`](crate::logic::message::Message::Coming)) is asked for the next one at once, so
-//! two answers may be in transit. They come in order; the second is useful only after the first.
+//! two answers may be in transit. The messages come in order, because the second message is useful only after the first.
 
 use crate::logic::timing::{
     HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,

@@ -1,15 +1,16 @@
 //! Buffers transactions that cannot be applied yet: transactions of a newer format, and all transactions that depend on these.
 //!
-//! *Rule.* Every format begins with the same [`Header`]. So a transaction is kept and passed on, although this program cannot
-//! read it, if it is the next one of its origin and its causes are here, applied or buffered. The same holds for its
-//! successors. None of them is applied: the own version vector, by which others determine stability, does not include them,
-//! and transactions committed here have not seen them. A newer program finds them on the disk and applies them in the order in
-//! which they came, which is causal.
+//! *Rule.* Every format begins with the same [`Header`]. So even if this program cannot read a transaction, it keeps the transaction and
+//! passes it on. The conditions: it is the next transaction of its origin, and all transactions that it has seen are here, applied or
+//! buffered. The same holds for its successors. None of these transactions is applied. The own version vector, by which other replicas
+//! determine stability, does not include them. Transactions that are committed here have not seen them. A newer program finds them on the
+//! disk and applies them in the order in which they came, which is causal.
 //!
 //! So a robot with an older program can carry updates from one newer robot to another, and never shows a part of them.
 //!
-//! *Retirement.* Retirements of a replica with buffered transactions are buffered as well. A member that confirms a retirement
-//! counts as having applied all transactions of that replica that any member has.
+//! *Retirement.* Retirements of a replica with buffered transactions are buffered as well. If a
+//! member confirms a retirement, it is treated as if it had applied all transactions of the retired
+//! replica that any member has.
 //!
 //! New formats are written only once [`Replica::team_format`](super::Replica::team_format) shows that every member reads them.
 //! So a buffered transaction means that a member has joined since, or that an operator did not wait for all members.

@@ -9,10 +9,10 @@
 //! them cost little.
 //!
 //! A date also selects a version vector: all transactions that were committed by then according to a trustworthy clock, and all
-//! transactions that these had seen. For a write without such a clock two bounds are known: it was not before any date that its
-//! writer had seen, and not after the date of any transaction that has seen it. A date between the two is refused, because the
-//! answer is unknown. A base can be used if it is within the selected version vector. So a single date in 2099 blocks no base,
-//! once others have seen it.
+//! transactions that these had seen. For a write without such a clock, two bounds are known: it was not earlier than any date
+//! that its writer had seen, and not later than the date of any transaction that has seen the write. A date between the two is
+//! refused, because the answer is unknown. A base can be used if it is within the selected version vector. So a single date in
+//! 2099 blocks no base, once others have seen it.
 
 use super::past::{Past, When};
 use super::value::Datum;

@@ -2,10 +2,10 @@
 //!
 //! A *conflict* is a key with different versions. A *race* is a pair of transactions, neither of which had seen the other: one
 //! relied on a key, and the other had changed it, earlier in the total order. Both were committed, although on one robot the
-//! first would have been refused. A race is also a write below a prefix that was granted to another robot, if neither the write
-//! nor the grant has seen the other. No timestamp shows which was first, since the owner with the later timestamp may have
-//! decided earlier. A database that accepts writes while it is cut off cannot prevent conflicts and races; this one lists them.
-//! They are resolved when a client that has seen both sides writes the key.
+//! first would have been refused. If a robot writes below a prefix that was granted to another robot, and neither the write nor
+//! the grant has seen the other, this is also a race. No timestamp shows which was first, since the owner with the later
+//! timestamp may have decided earlier. A database that accepts writes while it is cut off cannot prevent conflicts and races;
+//! this one lists them. They are resolved when a client that has seen both sides writes the key.
 
 mod count;
 
@@ -46,7 +46,7 @@ pub struct Sibling {
     pub reason: Option<String>,
 }
 
-/// A key with transactions that relied on it while others had changed it.
+/// A key with transactions that relied on a value of the key while other transactions had changed it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Race {
     /// The key.

@@ -1,7 +1,7 @@
 //! The history of a key, and the audit of all keys.
 //!
-//! Both are read from the log, so they reach back to its beginning. For two kept transactions, the earlier one in the order
-//! of application cannot have seen the later one. The later one's context shows whether it has seen the earlier one.
+//! Both are read from the log, so they reach back to its beginning. Of two kept transactions, the transaction that was
+//! applied first cannot have seen the other. The later one's context shows whether it has seen the earlier one.
 //! Transactions carry their contexts as differences, so the sum lacks the parts of transactions that were dropped. Such a
 //! part never contains a kept transaction. The reason: transactions are dropped in the order of application, and the
 //! transactions that a dropped one had seen were applied before it.

@@ -167,7 +167,7 @@ impl Schema {
 }
 
 impl Schemas {
-    /// Reads the schemas of a state. Invalid ones are kept separately, and do not affect the valid ones.
+    /// Reads the schemas of a state. Invalid schemas are kept separately, and do not affect valid schemas.
     pub fn of(state: &State) -> Self {
         let mut schemas = Self::default();
         for (key, versions) in state.scan(SCHEMA) {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub struct Lag {
     /// How many transactions.
     pub transactions: u64,
-    /// Their approximate size on the wire in bytes, for those that are still kept.
+    /// The approximate size on the wire, in bytes, of the transactions that are still kept.
     pub bytes: u64,
     /// How many of them were dropped. If there are any, the whole state has to be sent.
     pub dropped: u64,

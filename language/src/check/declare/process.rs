@@ -99,8 +99,8 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     })
 }
 
-/// Returns the names that `using` may take: the resources that the group declares, and the resources that its caller
-/// hands to it.
+/// Returns the names that `using` may take: the resources that the group declares, and the
+/// resources that the group gets as arguments.
 fn resources(node: &Node, params: &[Param], diagnostics: &mut Diagnostics) -> Vec<Name> {
     let mut resources: Vec<Name> = resource_args::known(params);
     let mut first: BTreeMap<String, Span> = resources.iter().map(|name| (name.text.clone(), name.span)).collect();

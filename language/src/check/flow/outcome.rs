@@ -1,5 +1,5 @@
-//! Checks outcomes: the tags that an expression can end with, whether every `match` has an arm for each, and whether every `repeat` ends
-//! with some of them.
+//! Checks outcomes: the tags with which an expression can end, whether every `match` has an arm for
+//! each tag, and whether every `repeat` ends with at least one tag.
 
 use super::service;
 use crate::check::diagnostics::Diagnostics;

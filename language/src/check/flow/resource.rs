@@ -61,7 +61,7 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Diagnos
     }
 }
 
-/// Resources that are taken, and whether the operand that holds them ends by itself.
+/// The resources that an operand takes, and whether this operand ends by itself.
 struct Acquisition<'a> {
     resources: &'a [usize],
     is_service: bool,

@@ -18,7 +18,7 @@ use ros::logic::qos::{Durability, Qos};
 use ros::logic::route::{ROUTES_MAX, Route, Way};
 use std::time::Duration;
 
-/// The name of the only bridge of a plan; others have their host behind it.
+/// The name of the bridge if a plan has only one bridge. If there are several bridges, the name is followed by the host.
 const NAME: &str = "ros";
 /// How long a bridge may take to stop.
 const STOP_WITHIN: Duration = Duration::from_secs(2);

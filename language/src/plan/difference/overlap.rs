@@ -38,7 +38,7 @@ impl Pairing<'_> {
     }
 }
 
-/// Drops the wires that come and go only because a program and its replacement have some each.
+/// Drops the changes of wires that exist only because a program and its replacement have separate wires.
 pub(super) fn forget_same_wires(changes: &mut Vec<PlanChange>, running: &Plan, plan: &Plan, numbers: &Numbers) {
     let old: BTreeSet<u32> = numbers.overlapping.values().copied().collect();
     let touches = |plan: &Plan, wire: u32, is_meant: &dyn Fn(u32) -> bool| {

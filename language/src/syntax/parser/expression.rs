@@ -15,7 +15,7 @@ use crate::syntax::SyntaxKind::{
 
 /// A form of the language that is known but not read yet.
 const LATER: &str = "until";
-/// Words that go on after an operand, so that what stands before them is one.
+/// Words that continue an expression after an operand. So the text before such a word is an operand.
 pub(super) const INFIX: [&str; 6] = ["else", "finally", "within", "as", "with", "until"];
 
 impl Parser<'_> {
@@ -55,7 +55,7 @@ impl Parser<'_> {
         self.at_any(&[RightParen, RightBrace, End]) || self.ends_block()
     }
 
-    /// The run of a state. The `;` behind it ends the statement, so `a ; b` stands in parentheses there.
+    /// The run of a state. The `;` after it ends the statement, so `a ; b` needs parentheses there.
     pub(super) fn run_expression(&mut self) {
         self.ends.at_semicolon = true;
         self.concurrent();
@@ -278,7 +278,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `word` is the one that it begins with, if it does.
+    /// `word` is the first word of the expression, if the expression begins with a word.
     fn operand(&mut self, word: Option<&str>) {
         if self.at(LeftParen) {
             self.parenthesised();

@@ -130,7 +130,7 @@ impl Parser<'_> {
         self.expect(close);
     }
 
-    /// Whether what stands in a list surely is its next item, without a comma before it.
+    /// Whether the next tokens in a list are certainly its next item, although the comma before them is missing.
     fn starts_item(&self, close: SyntaxKind) -> bool {
         let is_value = self.at_any(&[Ident, SyntaxKind::Text, SyntaxKind::Number]) && !self.ends_block();
         let goes_on = [Comma, SyntaxKind::Colon, Equals, close].contains(&self.kind(1));
@@ -138,8 +138,8 @@ impl Parser<'_> {
         is_value && goes_on || is_record
     }
 
-    /// How many tokens stand before the next `,` or the end of a list, if that is near; a closing bracket of another sort
-    /// directly before the end is one too many.
+    /// How many tokens are before the next `,` or the end of a list, if the end is near. A closing
+    /// bracket of another sort directly before the end is superfluous.
     fn rest_of_item(&self, close: SyntaxKind) -> Option<usize> {
         let stops = [Comma, RightParen, RightBrace, RightBracket, Semicolon, LeftParen, LeftBrace, LeftBracket, End];
         let is_end =

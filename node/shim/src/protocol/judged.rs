@@ -21,9 +21,9 @@ pub struct Judged {
 /// The reason why a file was admitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JudgedBy {
-    /// Its folder. A script is told its path: only users who may change the folder can exchange it.
+    /// Its folder. A script gets its own path. Only users who may change the folder can replace the file at this path.
     Folder,
-    /// Its hash. A script is told the path of the open file, whatever has its name by then.
+    /// Its hash. A script gets the path of the open file, even if another file has its name by then.
     Hash,
 }
 

@@ -17,8 +17,8 @@ pub struct ShimStart {
     pub working_directory: PathBuf,
     /// When the program is executed.
     pub gate: Gate,
-    /// How long the program may take to stop once the agent is gone. With none it runs until it ends by itself or an
-    /// agent that has attached ends it.
+    /// How long the program may take to stop once the agent is gone. Without a grace, the program
+    /// runs until it ends by itself, or until an attached agent ends it.
     pub agent_loss_grace: Option<Duration>,
     /// How long the program may give no sign of life; without a limit if none. A program with [`Gate::None`] is watched
     /// from its first sign on.
@@ -82,7 +82,7 @@ pub struct Sandbox {
     pub user: Option<Account>,
     /// The folder of that user where the sockets of the program are: the instance directory is the node's alone.
     pub own: Option<PathBuf>,
-    /// The only file that may run, whatever the first word of the command leads to by then.
+    /// The only file that may run, even if the first word of the command leads to another file by then.
     pub judged: Option<Judged>,
 }
 
@@ -292,8 +292,8 @@ impl ShimStart {
 /// The longest secret, in bytes.
 pub const SECRET_MAX: usize = 64 << 10;
 
-/// Adds a secret of at most [`SECRET_MAX`] bytes as it comes on the standard input of a shim: its length in four bytes,
-/// the lowest first, and itself.
+/// Adds a secret of at most [`SECRET_MAX`] bytes in the form of the standard input of a shim: the
+/// length in four bytes, the lowest byte first, and then the secret.
 pub fn secret(value: &[u8], to: &mut Vec<u8>) {
     let length = u32::try_from(value.len()).unwrap_or(u32::MAX);
     to.extend(length.to_le_bytes());

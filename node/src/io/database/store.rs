@@ -16,7 +16,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// How many bytes of transactions are kept for the history although every member has them.
+/// How many bytes of transactions are kept for the history, although every member already has them.
 const LOG_SIZE: usize = 64 << 20;
 
 /// A store, and the options to open it again.

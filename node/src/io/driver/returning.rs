@@ -28,7 +28,7 @@ impl Returning {
         self.programs.insert(process, Missing { shim: true, connection: is_controller, notices: 0 });
     }
 
-    /// Returns whether a controller has not connected again: its orders are kept for it.
+    /// Returns whether a controller has not connected again. Its orders are kept until it connects.
     pub(super) fn expects(&self, process: &ProcessId) -> bool {
         self.programs.get(process).is_some_and(|missing| missing.connection)
     }

@@ -4,8 +4,8 @@
 //! A deployment that is resumed waits for the other hosts, which may boot later, and for a possible message from them
 //! that it was stopped in the meantime. It is deployed again under the next epoch, so everything left of the previous
 //! epoch is fenced off. If a user stops a deployment whose home does not answer, the nodes that do answer keep
-//! *tombstones*. Each tells the home as soon as the home returns; the home then does not resume the deployment, or ends
-//! it, and reports that.
+//! *tombstones*. Each of these hosts tells the home when the home returns. The home then does not
+//! resume the deployment, or ends it, and reports this.
 
 use super::pending::AwaitingHosts;
 use crate::logic::effect::Effect;

@@ -401,7 +401,7 @@ impl Agent {
         self.participants.get(deployment).map(Participant::programs).or_else(past)
     }
 
-    /// Finds the one leaf of this host that is meant: among the running deployments, otherwise in the latest one that has it.
+    /// Finds the leaf of this host that the name means, among the running deployments, otherwise in the latest deployment that has it.
     fn find(&self, deployment: Option<&str>, process: &str) -> Result<ProcessId, String> {
         let end = format!("/{process}");
         let meant = |(id, programs): (&Deployment, Vec<(u32, String)>)| {

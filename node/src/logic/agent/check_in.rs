@@ -5,8 +5,9 @@
 //! again here, and nothing is activated. Messages arrive in order, so the decisions of the home arrive before its
 //! answer; a decision may be to end this part.
 //!
-//! A home that does not answer is lost after a while. Then `on_link_loss` decides, as at any cut. The home answers
-//! hosts that are there for it: a host that is only missing may still count as lost, and is then told that first.
+//! A home that does not answer is lost after a while. Then `on_link_loss` decides, as at any cut.
+//! The home answers only hosts that it lists as present. A host that is only missing may still be
+//! treated as lost, and is first told this.
 
 use crate::logic::effect::Out;
 use crate::logic::nameserver::NameServer;

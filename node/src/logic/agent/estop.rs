@@ -61,7 +61,7 @@ impl Stopped {
         out.effects.push(Effect::KeepEstop { number: self.writes.0, estop: self.by.clone() });
     }
 
-    /// A write is over. Each one writes what holds then, so the last one counts.
+    /// A write is over. Each write stores the state at its time, so the last write is valid.
     pub(super) fn kept(&mut self, number: u64, written: Result<(), String>, out: &mut Out<'_>) {
         if number <= self.writes.1 {
             return;

@@ -1,9 +1,10 @@
 //! Another node of this one's name: two robots that were set up alike, or two parts of a network that meet after a cut.
 //!
 //! Neither node takes on anything while both are there, since it would be unclear which of them is meant. Each tells
-//! the other once a second which deployments it runs. If a deployment runs on both, one instance is kept: the one of
-//! the higher epoch; within one epoch, the one whose home is reachable from its node; otherwise the one on the node
-//! that was there first. The other instance is ended at once, at its home as preempted.
+//! the other once a second which deployments it runs. If a deployment runs on both nodes, one
+//! instance is kept: the instance with the higher epoch. If the epochs are equal, it is the
+//! instance whose home is reachable from its node, otherwise the instance on the node that was
+//! there first. The other instance is ended at once, at its home as preempted.
 
 use super::peers::Peers;
 use crate::logic::effect::{Effect, Out};
@@ -81,7 +82,7 @@ impl Peers {
         Some(rival)
     }
 
-    /// Reports, once, that a deployment also runs on another node of this name, and whether it goes on here.
+    /// Reports once that a deployment also runs on another node of this name, and whether the deployment continues here.
     pub(super) fn runs_twice(&mut self, deployment: &Deployment, rival: Rival, keeps: bool, out: &mut Out<'_>) {
         if self.rivalry.reported.insert((rival.boot, deployment.clone())) {
             let place = self.place_of(rival);

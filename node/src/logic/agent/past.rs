@@ -12,8 +12,8 @@ use std::time::Duration;
 
 /// How many deployments that are over are remembered, and keep their programs' output.
 pub const OVER_MAX: usize = 8;
-/// How long a successor still takes over the end of a deployment: a caller that waits for the end may not have heard
-/// it, and asks again.
+/// How long the next node still takes over the end of a deployment. A caller that waits for the end
+/// may not have received it, and asks again.
 const END_KEPT: Duration = Duration::from_secs(10);
 
 /// The deployments that are over here.
@@ -85,7 +85,7 @@ impl Past {
         self.over.iter().find(|history| history.deployment() == deployment)
     }
 
-    /// Returns the reports of a deployment, for another report; those of one that is not known begin with none.
+    /// Returns the reports of a deployment, to add another report. The list is empty if the deployment is not known.
     pub(super) fn history_or_new(&mut self, deployment: &Deployment, host: &str) -> Option<&mut History> {
         if self.history(deployment).is_none() {
             self.remember(History::new(deployment.clone(), vec![host.to_owned()]));

@@ -48,8 +48,8 @@ impl Pending {
         Self { requests: BTreeSet::new(), awaiting: Vec::new(), earlier, tombstones }
     }
 
-    /// Returns the deployments that ran before this node, the latest epoch first, and forgets them: if the power failed again
-    /// while a deployment was being resumed, the last of its epochs counts.
+    /// Returns the deployments that ran before this node, the latest epoch first, and forgets them.
+    /// If the power failed again while a deployment was being resumed, its last epoch is used.
     pub(super) fn take_earlier(&mut self) -> Vec<Before> {
         let mut earlier = std::mem::take(&mut self.earlier);
         earlier.sort_by_key(|before| std::cmp::Reverse(before.kept.deployment.epoch));

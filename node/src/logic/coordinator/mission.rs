@@ -168,7 +168,7 @@ impl Mission {
     }
 
     /// Handles the confirmation of a host that nothing of the deployment is left there, while the deployment runs on.
-    /// The other hosts are told, and may go on without it.
+    /// The other hosts are told, and may continue without this host.
     pub(super) fn cleared(&mut self, host: &str, out: &mut Out<'_>) {
         for other in self.hosts.keys().filter(|other| *other != host) {
             self.tell(other, ToParticipant::Cleared { host: host.to_owned() }, out);

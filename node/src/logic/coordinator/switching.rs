@@ -88,7 +88,7 @@ impl Switches {
     }
 }
 
-/// Finds the one member whose absolute path is `process` or ends in it.
+/// Finds the only member whose absolute path is `process`, or ends with `process`.
 fn member(plan: &Plan, process: &str) -> Result<(u32, u32), String> {
     let end = format!("/{process}");
     let mut found = Vec::new();

@@ -121,7 +121,7 @@ fn check(chart: &StateChart, path: &str, order: &ActivityInput) -> Result<(), St
     }
 }
 
-/// Finds the one activity whose absolute path is `process` or ends in it.
+/// Finds the only activity whose absolute path is `process`, or ends with `process`.
 fn activity<'p>(plan: &'p Plan, process: &str) -> Result<(u32, String, &'p StateChart), String> {
     let live = plan.live_groups();
     let end = format!("/{process}");

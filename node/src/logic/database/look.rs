@@ -37,7 +37,7 @@ impl<'a> Readable<'a> {
         if key.namespace() == Namespace::Local { self.local.versions(key) } else { self.state.versions(key) }
     }
 
-    /// Answers with the changes to keys and their authors, as far as these are kept here. A replica that has joined a
+    /// Answers with the changes to keys and their authors that this replica has kept. A replica that has joined a
     /// team begins with a state, and a long log is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
         if let Some(gone) = self.forgotten() {
@@ -46,7 +46,7 @@ impl<'a> Readable<'a> {
         parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
 
-    /// Returns how many transactions are no longer kept; nothing if all are kept.
+    /// Returns how many transactions are no longer kept. Nothing if all transactions are kept.
     fn forgotten(&self) -> Option<String> {
         let gone: u64 = self.replica.log().low().iter().map(|(_, seq)| seq).sum();
         (gone > 0).then(|| counted(gone, "older transaction"))

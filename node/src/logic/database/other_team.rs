@@ -77,7 +77,7 @@ impl Teams<'_> {
         self.other.robots(now, |robot| members.active().any(|(_, member)| member == robot))
     }
 
-    /// Returns whether this robot has left its team, as one that is alone in it does, and the team of `robot` is there.
+    /// Returns whether this robot has left its team, which a robot does if it is the only member, and the team of `robot` is there.
     pub(super) fn gives_way_to(&self, now: Time, robot: &str) -> bool {
         !self.replica.is_member() && self.other.replica(now, robot).is_some()
     }

@@ -11,7 +11,7 @@ use language::plan::{Group, Plan};
 use std::collections::BTreeSet;
 
 impl Executer {
-    /// Returns why the group cannot go on with the event actions of a plan, if so.
+    /// Returns why the group cannot continue with the event actions of a plan. None if it can.
     pub fn against_actions(&self, plan: &Plan) -> Option<String> {
         let group = plan.groups.get(self.group as usize)?;
         let misfit = self.carried(group, &Program::compile(group))?.err()?;

@@ -35,7 +35,7 @@ pub(super) struct News {
     answered: Option<Answered>,
 }
 
-/// An answer that was taken: another person who answers the same question is told about it.
+/// An accepted answer. Another person who answers the same question is told about this answer.
 #[derive(Debug, Serialize, Deserialize)]
 struct Answered {
     number: u64,
@@ -129,8 +129,8 @@ impl Executer {
         }
     }
 
-    /// An activity gets a notice. Returns how it ended by that, if it did. An activity that does not run, or does not wait
-    /// for such a thing, drops it.
+    /// An activity gets a notice. Returns how it ended by that, if it did. An activity drops the
+    /// input if it does not run, or does not wait for such an input.
     pub fn tell(&mut self, told: &ActivityInput, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let event = self.event_of(told, context.plan).ok()?;
         self.react(event, context, out)
@@ -260,8 +260,8 @@ impl Executer {
         Some(place.leaves(automaton).take(STATES_MAX).filter_map(name).collect())
     }
 
-    /// Tells the people who watch in which states the activity is, if these are not those of `before`, and of questions
-    /// that it asks and withdraws.
+    /// Tells the people who watch the present states of the activity, if these differ from
+    /// `before`. Also tells them the questions that the activity asks and withdraws.
     pub(super) fn tell_states(&mut self, before: Seen, event: &Event, context: ExecContext<'_>, out: &mut Out<'_>) {
         let states = self.states_seen();
         if states != before

@@ -1,14 +1,14 @@
 //! Fences: resources of `using` that may still be in use although the algebra has released them.
 //!
 //! For its supervisor, a member on a lost host has failed, and the group proceeds. But it is unknown whether the member
-//! has stopped: it may run for as long as its spec lets it. The same is true for a program that could not be ended: its
+//! has stopped: it may run for as long as its spec allows. The same is true for a program that could not be ended: its
 //! stop is unconfirmed. So its resources stay reserved until the host has reported how the activation ended, the
 //! program has ended after all, or its home has heard that nothing of the deployment is left there. Fences fail closed:
 //! a host that never returns releases nothing, and neither does a program that never ends.
 //!
-//! Whether a member on another host has ended is known to its own supervisor alone. So a group that ends tells the one above
-//! which hosts may still do something for it, before it says how it ended (`ToParticipant::Loose`); it does so if something is taken
-//! for it, on any level above.
+//! Whether a member on another host has ended is known to its own supervisor alone. So if resources
+//! are taken for a group on any level above, the group tells the group above which hosts may still
+//! work for it (`ToParticipant::Loose`). It does this before it reports its own end.
 //!
 //! The same member may be activated again: one process never runs twice on its host. Inside a group for which something is
 //! taken above, nothing else begins beside a program that could not be ended.

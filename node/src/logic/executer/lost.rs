@@ -48,7 +48,7 @@ impl Executer {
         // first failure.
         let is_stopping = |slot: u32| self.state.activity(slot) == Activity::Stopping;
         let lost: Vec<(MemberRef, bool)> = self.members.activations().map(|run| (run, is_stopping(run.slot))).collect();
-        // An activity hears of the loss before its members fail by it.
+        // An activity gets the event of the loss before its members fail because of it.
         if let Some(ending) = self.tell(&ActivityInput::Notice(Notice::HostLost(host.to_owned())), context, out) {
             return Some(ending);
         }

@@ -5,8 +5,9 @@
 //!                                                └─ an event moves wires or members: at once
 //! ```
 //! The switch has one in-band boundary. A producer of the old program sends to the next program from the boundary on.
-//! The old program closes its outputs once it has processed the values before the boundary; the next program opens its
-//! own before the values after it. Consumers take the old values first. So nothing is lost, doubled or reordered.
+//! The old program closes its outputs once it has processed the values before the boundary. The
+//! next program opens its outputs before it processes the values after the boundary. Consumers take
+//! the old values first. So nothing is lost, doubled or reordered.
 
 use super::members::MemberRef;
 use super::switching::{Handover, pushes_to};
@@ -64,7 +65,7 @@ impl Executer {
         self.succeed_if_ready(context, out);
     }
 
-    /// Takes note that a program runs beside the one whose place it is to take.
+    /// Takes note that a program now runs beside the program that it is to replace.
     pub fn succeeding(&mut self, leaf: u32, is_handed_over: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         let Some(succession) = &mut self.switches.succession else { return };
@@ -123,7 +124,8 @@ impl Executer {
         self.members.is_active(slot) && self.state.activity(slot) == Activity::Stopping
     }
 
-    /// Returns whether the word of a process about the end of a slot's activation counts: there may be two programs of one.
+    /// Returns whether to use the report of a process about the end of a slot's activation, because there may be two
+    /// programs of one process.
     pub fn speaks(&mut self, slot: u32, target: Target, context: ExecContext<'_>, out: &mut Out<'_>) -> bool {
         let Target::Leaf(leaf) = target else { return true };
         let next = context.plan.groups.get(self.group as usize).and_then(|group| leaf_of(group, slot));

@@ -115,7 +115,8 @@ impl Switches {
         self.switched_to.clear();
     }
 
-    /// Returns the sets to close for those that the event actions close: others, if a user has switched to those.
+    /// Returns the sets to close when the event actions close the sets in `close`. If a user has switched to other
+    /// sets, these are closed instead.
     fn instead_of(&mut self, close: Vec<u32>, group: &Group) -> Vec<u32> {
         let owner = |set: &u32| group.sets.get(*set as usize).and_then(|set| set.owner);
         let mut closed = Vec::new();
@@ -519,7 +520,7 @@ impl Switch {
         (self.pending.expecting, self.pending.flipping) = (BTreeSet::new(), BTreeSet::new());
     }
 
-    /// Returns the wires to close and to open, without those that programs flip by themselves.
+    /// Returns the wires to close and to open, without the wires that programs switch by themselves.
     fn ordered(&self) -> (Vec<u32>, Vec<u32>) {
         let ours = |wires: &[u32]| wires.iter().copied().filter(|wire| !self.by_themselves.contains(wire)).collect();
         (ours(&self.difference.close), ours(&self.difference.open))

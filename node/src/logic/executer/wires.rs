@@ -77,7 +77,7 @@ impl Wires {
         self.generation = generation;
     }
 
-    /// Counts sets as closed and open. Returns what of that flips: a wire flips if no other open set holds it.
+    /// Counts sets as closed and open. Returns which of these wires switch: a wire switches if no other open set holds it.
     pub(super) fn difference(&mut self, close: Vec<u32>, open: Vec<u32>) -> Difference {
         let before = self.open_wires();
         for set in &close {
@@ -199,7 +199,7 @@ fn wires_of_sets(group: &Group) -> Vec<Vec<u32>> {
     group.sets.iter().map(|set| set.wires.clone()).collect()
 }
 
-/// Returns those of the closed wires that push to the consumer of an opened one.
+/// Returns the closed wires that push to the consumer of an opened wire.
 pub(super) fn ends_before(plan: &Plan, closed: &[u32], opened: u32) -> Vec<u32> {
     closed.iter().copied().filter(|wire| *wire != opened && are_of_one_input(plan, *wire, opened)).collect()
 }

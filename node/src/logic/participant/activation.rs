@@ -99,7 +99,7 @@ impl Activations {
         }
     }
 
-    /// Takes the moment; none if programs begin as soon as they can.
+    /// Takes the time of the start. None if programs begin as soon as they can.
     pub(super) fn start_at(&mut self, start: Option<Time>) {
         self.start = start.map_or(Start::AtOnce, Start::At);
     }

@@ -2,9 +2,9 @@
 //! runs, and never started or stopped. An activation of such a process watches it: it aborts when the other deployment
 //! ends the process, and is stopped at once.
 //!
-//! After each input the agent checks whether such a process is unchanged (`agent/external.rs`). A process that its own
-//! deployment starts again stays active during the restart, as for its own supervisor, and its callers are then told
-//! its new address.
+//! After each input the agent checks whether such a process is unchanged (`agent/external.rs`). If
+//! its own deployment restarts a process, the process stays active during the restart, as for its
+//! own supervisor. Then its callers get its new address.
 
 use super::site::Site;
 use crate::logic::programs::Programs;

@@ -21,7 +21,7 @@ use std::time::Duration;
 
 /// How late GO may come before users are told.
 const LATE_MIN: Duration = Duration::from_millis(1);
-/// How late this node may wake up for the moment before users are told: on a busy machine it waits for a core, as programs do.
+/// How late this node may wake up for the start before users are told. On a busy machine, a node waits for a core, like every program.
 pub(super) const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
 
 impl Participant {
@@ -38,7 +38,7 @@ impl Participant {
         }
     }
 
-    /// Starts each program of this host, unless there is a reason against one of them, or another deployment runs it.
+    /// Starts the programs of this host that no other deployment runs. If there is a reason against one program, starts none.
     pub(super) fn start_programs(&mut self, offered: &Programs, out: &mut Out<'_>) {
         let starts = match self.site.starts(&self.site.plan, offered) {
             Ok(starts) if !self.roll.has_reasons() => starts,
@@ -133,7 +133,7 @@ impl Participant {
         self.activations.go(now);
     }
 
-    /// Takes the moment of the start; none if programs begin as soon as they can.
+    /// Takes the time of the start. None if programs begin as soon as they can.
     pub(super) fn start_at(&mut self, start: Option<Time>, out: &mut Out<'_>) {
         self.activations.start_at(start);
         self.begin_together(LATE_MIN, out);
@@ -282,8 +282,8 @@ impl Participant {
         }
     }
 
-    /// Refuses to begin a program that would use a device at the same time as a program that could not be ended;
-    /// returns whether it did.
+    /// Refuses to begin a program that would use a device at the same time as a program that could
+    /// not be ended. Returns whether it has refused the start.
     fn refuse_held(&self, leaf: u32, activation: u32, out: &mut Out<'_>) -> bool {
         let wanted = self.links.claims_of(&self.site, leaf);
         let holder = |other: u32| {
@@ -359,7 +359,7 @@ impl Participant {
         self.site.ended(Target::Leaf(leaf), activation, Ending::Aborted(failure), out);
     }
 
-    /// Takes note of which programs of other deployments call programs here, and tells those.
+    /// Takes note of the programs of other deployments that call programs here, and informs the called programs.
     pub fn serve(&mut self, clients: BTreeMap<u32, Vec<Partner>>, out: &mut Out<'_>) {
         self.links.serve(&self.site, &self.processes, clients, out);
     }
@@ -498,8 +498,9 @@ impl Participant {
         self.give_up(&estop.to_string(), out);
     }
 
-    /// Tells every program to go, although the home has not asked for that. A home that waits for this part to prepare, or to make its
-    /// links, gets the reason: it must not take a report that everything was released for an earlier one.
+    /// Tells every program to go, although the home has not asked for that. If the home waits for
+    /// this part to prepare or to make its links, it gets the reason. Otherwise it could take the
+    /// report that everything was released for an earlier report.
     pub fn give_up(&mut self, why: &str, out: &mut Out<'_>) {
         if matches!(self.phase, Phase::Preparing | Phase::Connecting) {
             self.site.refuse(why, out);

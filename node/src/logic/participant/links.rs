@@ -1,10 +1,10 @@
 //! The links of this host's programs: made before GO, opened and closed by supervisors, and made again for a program that
 //! was started again.
 //!
-//! Such a program has a new address. It dials its sources as it did at first. Programs that dial it are told its new
-//! address: on its own host by its node, elsewhere by a message from here to there. Its home has no part in that. The
-//! reports of other hosts about their programs and the report of the home about all programs take different ways: the
-//! report of a program's own host counts.
+//! Such a program has a new address. It dials its sources as it did at first. Programs that dial it
+//! get its new address: on its own host from the node, on other hosts by a message from here. Its
+//! home has no part in that. Other hosts report their own programs, and the home reports all
+//! programs. These reports may arrive in any order: the report of a program's own host is used.
 //!
 //! An order of a supervisor has a ticket until it is confirmed: in `switching` until each producer has opened or closed its
 //! wires, in `expecting` until the consumer has taken its values. A program that is gone confirms nothing and is not waited
@@ -98,7 +98,7 @@ impl Links {
         self.registrations.facts.get(&leaf)
     }
 
-    /// Links the wires of the next plan beside those of the previous one. Returns the wires that come or go.
+    /// Links the wires of the next plan, while the wires of the previous plan stay linked. Returns the wires that come or go.
     pub(super) fn change(&mut self, plan: &Plan) -> BTreeSet<u32> {
         let mut live = plan.live_wires();
         let rewired = self.live.symmetric_difference(&live).copied().collect();
@@ -166,7 +166,7 @@ impl Links {
         claims
     }
 
-    /// Returns the devices of a program: its claims in the spec, and those that it named itself.
+    /// Returns the devices of a program: its claims in the spec, and the devices that the program named itself.
     pub(super) fn claims_of(&self, site: &Site, leaf: u32) -> Claims {
         let mut claims = Claims::of_leaf(&site.plan, leaf);
         let path = site.path(leaf).unwrap_or_default();
@@ -174,8 +174,8 @@ impl Links {
         claims
     }
 
-    /// Tells the new address of a program to the hosts of programs that dial it or have wires to it, and to the home,
-    /// which tells a host that rejoins.
+    /// Sends the new address of a program to the hosts of programs that dial it or have wires to
+    /// it. Also sends the address to the home, which passes it on to a host that rejoins.
     pub(super) fn tell_where(&self, site: &Site, facts: &LeafFacts, out: &mut Out<'_>) {
         let here = leaf_host(&site.plan, facts.leaf);
         let mut concerned = dialers(&site.plan, &self.registrations, facts.leaf);
@@ -210,7 +210,7 @@ impl Links {
         }
     }
 
-    /// Takes note of which programs of other deployments call programs here, and tells those.
+    /// Takes note of the programs of other deployments that call programs here, and informs the called programs.
     pub(super) fn serve(
         &mut self,
         site: &Site,

@@ -40,7 +40,7 @@ impl Processes {
         }
     }
 
-    /// Returns how many of its machines were looked at, all in all.
+    /// Returns how many of the participant's machines were looked at in total.
     pub(super) fn visits(&self) -> u64 {
         self.instances.visits() + self.executers.visits()
     }

@@ -56,7 +56,7 @@ impl Successions {
         then
     }
 
-    /// Takes note that a program runs; returns the supervisor that waits for that.
+    /// Takes note that a program runs. Returns the supervisor that waits for this.
     pub(super) fn begun(&mut self, leaf: u32) -> Option<Supervisor> {
         self.all.remove(&leaf).map(|succession| succession.by)
     }

@@ -60,7 +60,7 @@ pub enum Why {
     Late,
     /// Its node could not end everything.
     Unable,
-    /// The home was restarted, and has not heard of the host since then.
+    /// The home was restarted, and has had no contact with the host since then.
     Restarted,
 }
 

@@ -217,7 +217,7 @@ pub struct SetsSwitched {
     pub lost: u64,
     /// Values that were dropped because they came over wires that had already been given up.
     pub late: u64,
-    /// Absolute paths of programs that have not confirmed in time. They switch as soon as they can.
+    /// Absolute paths of programs that have not confirmed in time. The members switch as soon as they can.
     pub unconfirmed: Vec<String>,
 }
 

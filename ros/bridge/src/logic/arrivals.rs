@@ -1,4 +1,4 @@
-//! The messages of topics that wait for the loop, and the counts of received, lost and refused ones.
+//! The messages of topics that wait for the loop, and the counts of received, lost and refused messages.
 
 use super::conversion::Conversion;
 use super::senders::Senders;

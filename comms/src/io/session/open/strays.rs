@@ -14,8 +14,8 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// The time between two comparisons. Events and table may differ for a moment; so a difference counts only if two comparisons in a
-/// row find it.
+/// The time between two comparisons. Events and table may differ for a moment. So a difference is
+/// used only if two comparisons in a row find it.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// A tunnel of this age has to carry a session: three round trips of 3 s have passed.
 const TUNNEL_MIN: Duration = Duration::from_secs(10);

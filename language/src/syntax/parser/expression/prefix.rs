@@ -43,7 +43,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `shield`, `shield(10 s)`; what is in parentheses is a time when an operand follows them.
+    /// `shield`, `shield(10 s)`. The parentheses contain a time if an operand follows them.
     pub(super) fn shield(&mut self) {
         self.start(SyntaxKind::Shield);
         self.bump();
