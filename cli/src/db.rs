@@ -61,7 +61,7 @@ enum Verb {
     Join(team::Join),
     /// Show or change the owners of keys; only the owner may write them
     Own(own::Own),
-    /// Retire a robot that is gone for good: the others no longer wait for it
+    /// Retire a robot that will not return: other robots no longer wait for it
     Retire(team::Retire),
     /// Begin a new epoch of timestamps, above all that were dated wrongly
     HealClock(team::TeamArgs),

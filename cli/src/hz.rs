@@ -13,7 +13,7 @@ use std::time::Duration;
 pub struct Arguments {
     #[command(flatten)]
     tap: TapArgs,
-    /// End after this many seconds; without it, Ctrl-C ends it
+    /// End after this many seconds [default: until Ctrl-C]
     #[arg(long = "for", value_name = "SECONDS", value_parser = |text: &str| crate::seconds(text, &(0.1..=86_400.0)), allow_negative_numbers = true)]
     seconds: Option<f64>,
 }

@@ -17,8 +17,8 @@ const INDEX: &str = "share/ament_index/resource_index/packages";
 /// The arguments of `dca import`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A chart in SCXML, behavior trees of BehaviorTree.CPP 4, or a launch file of ROS 2 in XML or YAML; `-` is standard
-    /// input, not for YAML
+    /// A chart in SCXML, behavior trees of BehaviorTree.CPP 4, or a launch file of ROS 2 in XML or
+    /// YAML; `-` reads XML from standard input
     file: PathBuf,
     /// Where the spec goes; the file must not exist yet [default: standard output]
     #[arg(short, long, value_name = "FILE")]

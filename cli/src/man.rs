@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 /// The arguments of `dca man`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The folder that the pages go to, which is made: `man -l FOLDER/dca-run.1`, or `~/.local/share/man/man1` for all of them
+    /// The folder for the pages, which is made if necessary: `man -l FOLDER/dca-run.1` shows a page; `man` finds all
+    /// pages in `~/.local/share/man/man1`
     folder: PathBuf,
 }
 

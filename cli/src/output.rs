@@ -43,7 +43,7 @@ pub fn screen() -> Option<(usize, usize)> {
     Some((if rows == 0 { SCREEN_DEFAULT.0 } else { rows }, columns(io::stdout())))
 }
 
-/// Both streams of a command, and whether a live line is on the second one.
+/// Both streams of a command, and whether standard error has a live line.
 pub struct Output {
     results: Box<dyn Write + Send>,
     notes: Box<dyn Write + Send>,

@@ -60,7 +60,7 @@ struct List {
 /// The arguments of `dca param get`.
 #[derive(Debug, clap::Args)]
 struct Get {
-    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
+    /// A program: [DEPLOYMENT:]INSTANCE; the last part of its path is enough, such as `hit/force`
     #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: ProcessName,
     /// The parameter
@@ -72,7 +72,7 @@ struct Get {
 /// The arguments of `dca param set`.
 #[derive(Debug, clap::Args)]
 struct Set {
-    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
+    /// A program: [DEPLOYMENT:]INSTANCE; the last part of its path is enough, such as `hit/force`
     #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: ProcessName,
     /// The parameter
@@ -87,7 +87,7 @@ struct Set {
 /// The arguments of `dca param unset`.
 #[derive(Debug, clap::Args)]
 struct Unset {
-    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
+    /// A program: [DEPLOYMENT:]INSTANCE; the last part of its path is enough, such as `hit/force`
     #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: ProcessName,
     /// The parameter

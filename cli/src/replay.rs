@@ -30,7 +30,7 @@ const STEPS: &str = "replay";
 pub struct Arguments {
     /// The record, or the folder it is in
     record: PathBuf,
-    /// The spec: that of the record, or a changed one
+    /// The spec: the spec of the record, or a changed spec
     #[arg(required_unless_present_any = ["foxglove", "layout"])]
     file: Option<PathBuf>,
     /// Play the record in Foxglove or Lichtblick on this machine, and run nothing [default: 127.0.0.1:8765]

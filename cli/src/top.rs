@@ -1,7 +1,7 @@
 //! `dca top`: robots, processes, wires, events and questions on the whole terminal, as they change.
 //!
-//! It shows only what nodes tell. Orders go the same way as those of `dca estop` and `dca ctl`, and each is confirmed
-//! by a key before it is given.
+//! It shows only data that nodes report. Orders use the same path as the orders of `dca estop` and
+//! `dca ctl`. Before an order is sent, the user confirms it with a key.
 
 use crate::ConnectArgs;
 use crate::client::{Client, words};

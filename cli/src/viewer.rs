@@ -1,7 +1,7 @@
 //! `dca view`: all robots as they change, on a page for a browser and for Foxglove. `dca replay --foxglove` serves a record.
 //!
 //! The servers listen on this machine alone. Neither other users of the machine nor pages of other sites can read or give orders.
-//! Orders count as those of the user of this command.
+//! Orders have the rights of the user of this command.
 
 pub(crate) mod foxglove;
 mod page;

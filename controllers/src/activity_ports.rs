@@ -1,10 +1,11 @@
 //! The program that has the ports of an activity, whose states run in a node. `dca` adds it to a mission whose activities
 //! have connections.
 //!
-//! The program is never activated. Values of wires and messages of queues come to its inputs. It hands them to its
-//! node, which reports the fate of each: only the node knows whether the activity runs. For the
-//! outputs, the node gives values to the program, and the program sends them. So the node itself
-//! has no data session, and the wires of an activity are those of any program.
+//! The program is never activated. Values of wires and messages of queues come to its inputs. It
+//! passes the messages to its node, and the node reports the result of each message, because only
+//! the node knows whether the activity runs. For the outputs, the node gives values to the program,
+//! and the program sends them. So the node itself has no data session, and the wires of an activity
+//! are those of any program.
 
 use crate::sdk::messaging::{QueueMessage, Receipt, Rejected};
 use crate::sdk::{
@@ -95,7 +96,7 @@ fn export(name: &'static str) -> ExportInterface {
     }
 }
 
-/// Returns a text that lives as long as the process, as the names in interfaces do. An interface is made once.
+/// Returns a text that lives as long as the process, like the names in interfaces. An interface is made once.
 fn for_ever(text: &str) -> &'static str {
     Box::leak(text.to_owned().into_boxed_str())
 }

@@ -60,7 +60,7 @@ messages! {
         /// The torque (Nm) about the grasp point, tool axes.
         torque: [f64; 3] = "Torque[3]",
     }
-    /// The direction in which another law leads the hand. The hand gives way only across it.
+    /// The direction in which another law leads the hand. The hand gives way only across this direction.
     Constraint {
         /// Unit vector along which the hand is led, tool axes.
         tangent: [f64; 3] = "Number[3]",
@@ -106,7 +106,7 @@ messages! {
         pose: [f64; 3] = "Number[3]",
         /// The velocity: x, y (m/s), yaw (rad/s), base axes.
         velocity: [f64; 3] = "Number[3]",
-        /// When a command was last obeyed (s); 0 if none was.
+        /// When a command was last obeyed (s). 0 if no command was obeyed.
         commanded: f64 = "Time",
         /// When the watchdog last ended a command (s); 0 if it never did.
         stopped: f64 = "Time",
@@ -121,7 +121,7 @@ messages! {
         angles: [f64; 6] = "Angle[6]",
         /// The rates of the joints (rad/s).
         rates: [f64; 6] = "AngularSpeed[6]",
-        /// When a command was last obeyed (s); 0 if none was.
+        /// When a command was last obeyed (s). 0 if no command was obeyed.
         commanded: f64 = "Time",
         /// When the watchdog last ended a command (s); 0 if it never did.
         stopped: f64 = "Time",
@@ -136,7 +136,7 @@ messages! {
         width: f64 = "Length",
         /// The force with which the fingers press (N).
         force: f64 = "Force",
-        /// When a command was last obeyed (s); 0 if none was.
+        /// When a command was last obeyed (s). 0 if no command was obeyed.
         commanded: f64 = "Time",
         /// The number of refused commands: without the lock, or under a grant that is over.
         refused: f64 = "Number",

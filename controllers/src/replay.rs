@@ -34,7 +34,7 @@ pub(crate) fn interface() -> Interface {
     Interface { type_name: REPLAY, about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new(), inner: Vec::new() }
 }
 
-/// A process that stands in for a recorded one.
+/// A process that takes the place of a recorded process.
 #[derive(Debug)]
 pub(crate) struct Replay {
     interface: Interface,
@@ -171,7 +171,7 @@ impl Module for Replay {
     }
 }
 
-/// Returns a text that lives as long as the process, as the names in interfaces do. An interface is made once.
+/// Returns a text that lives as long as the process, like the names in interfaces. An interface is made once.
 fn for_ever(text: &str) -> &'static str {
     Box::leak(text.to_owned().into_boxed_str())
 }

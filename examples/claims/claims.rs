@@ -47,7 +47,7 @@ struct Explorer {
     /// How long a room takes (s).
     pace: f64,
     name: String,
-    /// The explorer that has claimed each room, as far as known here.
+    /// The explorer that has claimed each room, as far as this program knows.
     known: BTreeMap<String, String>,
     /// Whether all that was there at the beginning is known.
     is_complete: bool,

@@ -1,4 +1,4 @@
-//! A machine that jams now and then, a task that makes a part, and one that clears a jam.
+//! A machine that sometimes jams, a task that makes a part, and a task that clears a jam.
 
 use crate::headline;
 use controllers::sdk::serde::{Deserialize, Serialize};

@@ -138,7 +138,7 @@ struct DriveTo {
 /// The distance at which a place counts as reached (m).
 const NEAR: f64 = 0.02;
 
-/// Returns how to move from a place to another at a speed, slower when it is near; none when it is there.
+/// Returns how to move from a place to another place at a speed, and more slowly near the goal. None at the goal.
 fn velocity(from: &PatrolPose, to: &PatrolPose, speed: f64) -> Option<PatrolVelocity> {
     let (x, y) = (to.x - from.x, to.y - from.y);
     let distance = x.hypot(y);

@@ -6,8 +6,9 @@
 `DCA` is the program `dca`, and `VENV` the environment. `DORA` is an environment with the packages `dora-rs` and `dora-rs-cli`, to measure dora
 beside it. Medians of several rounds, and of starts the time of the processor; other load changes the times, and the ratios much less.
 
-The limits hold for both programs on one core. Free on all cores, a hop may also wake an idle core. That has nothing to do with the language, takes
-14 µs on a virtual machine with plain sockets too, and comes and goes with the choices of the kernel. These figures are printed without a limit.
+The limits hold for both programs on one core. Free on all cores, a hop may also wake an idle core.
+This time does not depend on the language: it is also 14 µs on a virtual machine with plain sockets.
+It appears and disappears with the choices of the kernel. These figures are printed without a limit.
 """
 
 import os

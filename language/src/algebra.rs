@@ -1,8 +1,9 @@
 //! The process algebra: [`step`] turns an event into commands by the rules of the operators.
 //!
-//! One pure function, [`step`], is called by the supervisor (one event at a time), by the verifier (all of them), by
-//! the simulator and by the log checker. It reads no clock, does no I/O and is deterministic. The rules are in the
-//! documentation of the `step` module's source, where each rule is one function.
+//! One pure function, [`step`], is called by the supervisor (one event at a time), by the verifier
+//! (all events), by the simulator and by the log checker. It reads no clock, does no I/O and is
+//! deterministic. The rules are in the documentation of the `step` module's source, where each rule
+//! is one function.
 //!
 //! ```
 //! use language::algebra::{Activation, Command, Event, Outcome, Program, State, Value, step};

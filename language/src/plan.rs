@@ -56,13 +56,13 @@ pub const BRIDGE: &str = "RosBridge";
 pub(crate) const ROUTES: &str = "routes";
 /// The controller type that has the ports of an activity. A plan has one for each activity with connections.
 pub const PORTS: &str = "ActivityPorts";
-/// The program that offers it, beside that of the node.
+/// The program that offers the type. It is in the folder of the node's program.
 pub const PORTS_PROGRAM: &str = "dca-controller";
 /// The controller type that runs a program of ROS 2. The bridge offers it.
 pub const ROS_NODE: &str = "RosNode";
 /// The variables of ROS 2 that say which network is meant.
 pub(crate) const ROS_VARIABLES: [&str; 3] = ["ROS_DISTRO", "ROS_DOMAIN_ID", "ZENOH_CONFIG_OVERRIDE"];
-/// The program of the bridge, beside that of the node. A leaf whose `exec` begins with this word is started by it.
+/// The program of the bridge. It is in the folder of the node's program. A leaf whose `exec` begins with this word is started by it.
 pub const BRIDGE_PROGRAM: &str = "dca-ros";
 
 /// How the reason of a deadline that has passed begins: `the deadline `a within 5 s` in line 3 has passed`.
@@ -234,7 +234,7 @@ pub struct Leaf {
     pub policy: Policy,
     /// The keys of the database that its ports are connected with.
     pub keys: Vec<KeyBinding>,
-    /// The process of another deployment that it refers to; then no program is started for it.
+    /// The process of another deployment that this leaf refers to. Then no program is started for the leaf.
     pub external: Option<External>,
 }
 

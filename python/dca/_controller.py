@@ -327,7 +327,7 @@ def service(
     signals_every: str | float | None = None,
     starts_with: type[Any] | None = None,
 ) -> Callable[[type[T]], type[T]]:
-    """Makes a class a controller type that never ends by itself.
+    """Turns a class into a controller type that never ends by itself.
 
     It calculates once per period `every` (10 ms), and at once for each value of the input `triggered_by`. Its `init` gets a value of
     the message type `starts_with`.

@@ -174,7 +174,7 @@ class Sending:
     def done(self) -> bool:
         """Whether the result of the message is known."""
     def result(self) -> None:
-        """Returns `None` if the queue has accepted the message. Raises `dca.SendError` if it has not, or may not have."""
+        """Returns `None` if the queue has accepted the message. Raises `dca.SendError` if the queue has not accepted the message, or may not have accepted it."""
 
 class Lock:
     """A lock, as seen by the class with the resource."""

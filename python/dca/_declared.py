@@ -6,7 +6,7 @@ R = TypeVar("R")
 
 
 class Declared(Generic[R]):
-    """A declaration in a class. It has the name of its attribute, unless it gets another one.
+    """A declaration in a class. It has the name of its attribute, unless it gets another name.
 
     In each instance that DCA makes, an `R` replaces it: the port, queue or lock itself.
     """

@@ -1,4 +1,4 @@
-//! Calls of procedures of other processes. They are sent after a calculation, and answered before a later one.
+//! Calls of procedures of other processes. Calls are sent after a calculation, and the answers are available in a later calculation.
 
 use crate::exports::type_form;
 use crate::message::MessageType;

@@ -122,8 +122,9 @@ pub(crate) struct KeyAnswersOf(Arc<KeysState>);
 
 #[pymethods]
 impl KeyAnswersOf {
-    /// Iterates over the answers since the last iteration. Each has the number of the write, and `None` if it was committed, otherwise
-    /// the reason why it was not, or may not be.
+    /// Iterates over the answers since the last iteration. Each answer has the number of the write,
+    /// and `None` if the write was committed. Otherwise it has the reason why the write failed, or
+    /// may have failed.
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let answers = std::mem::take(&mut self.0.held().answers);
         let told = answers.into_iter().map(|KeyAnswer { number, result }| match result {

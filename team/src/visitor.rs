@@ -72,7 +72,7 @@ impl VisitorIdentity {
         Proof { key: *self.delegation.key(), signature, credential: Some(self.credential()) }
     }
 
-    /// Returns the names of nodes of which all known keys are revoked. A node with new keys is not one of them. Empty if the
+    /// Returns the names of nodes of which all known keys are revoked. A node with new keys is not such a node. Empty if the
     /// revocations cannot be read.
     pub fn revoked(&self, shown: &[Vec<u8>]) -> BTreeSet<String> {
         let Ok(revoked) = self.circle.revocations_now() else { return BTreeSet::new() };

@@ -20,7 +20,7 @@ pub struct ProgramKeys(SecretKeys);
 /// The end of a wire that seals a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sealing {
-    /// This end seals messages for the other one.
+    /// This end seals messages for the other end.
     Here,
     /// The other end seals messages for this one.
     There,

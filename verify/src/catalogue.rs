@@ -249,8 +249,8 @@ fn nearest(system: &System<'_>, graph: &Graph, part: usize, node: usize) -> Opti
     around.into_iter().rev().find_map(|node| graph.first(system, |frame| frame.states[0].is_node_active(node)))
 }
 
-/// Returns the nodes of a part that promise to end and are not inside another such node: the whole part, or the operands of a
-/// service.
+/// Returns the nodes of a part that should end and are not inside another such node: the whole
+/// part, or the operands of a service.
 fn promises(system: &System<'_>, part: usize) -> Vec<usize> {
     let source = &system.model.parts[part];
     if !source.program.is_service() {

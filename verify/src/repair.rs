@@ -98,8 +98,8 @@ fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
     questions
 }
 
-/// Returns whether the second of two reports about the same questions shows a repair: the mistake is gone, there is no
-/// new one, and all questions that were decided are still decided.
+/// Returns whether the second of two reports about the same questions shows a repair: the mistake
+/// is gone, no new mistake has appeared, and each decided question is still decided.
 fn is_repaired(before: &Report, after: &Report, finding: &Finding) -> bool {
     let code = |finding: &Finding| finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code);
     let is_same = |one: &Finding, other: &Finding| code(one) == code(other) && one.sentence == other.sentence;

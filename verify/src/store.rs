@@ -53,7 +53,7 @@ pub(crate) struct Batch {
     shards: [Vec<u32>; SHARDS],
 }
 
-/// The new states of one table: slot, batch and transition of each. Also the transitions that lead to one of them.
+/// The new states of one table: slot, batch and transition of each. Also the transitions that lead to such a state.
 #[derive(Debug, Default)]
 struct Fresh {
     states: Vec<(usize, usize, usize)>,

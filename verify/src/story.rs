@@ -116,7 +116,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
             continue;
         }
         match story.steps.last_mut() {
-            // Answers to stops are joined to one step as long as nothing else results from them.
+            // Answers to stops are joined to one step while they have no other effect.
             Some(last)
                 if matches!(label, Label::Stopped(..))
                     && effects.is_empty()

@@ -17,7 +17,7 @@ pub(crate) struct Span {
     pub(crate) done: Option<Duration>,
     /// The longest time until it is done, if it ever is; none if it is not limited.
     done_most: Option<Duration>,
-    /// The shortest time until the end, in any way. None if there is no end without a stop.
+    /// The shortest time until the end, in any way. None if the process ends only by a stop.
     pub(crate) end_least: Option<Duration>,
     /// The longest time until it has ended; none if it is not limited.
     pub(crate) end: Option<Duration>,

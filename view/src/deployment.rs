@@ -103,7 +103,7 @@ pub struct End {
     pub text: String,
     /// Whether it has failed.
     pub is_failed: bool,
-    /// Whether an event has told it. Otherwise no host has a part of it any more.
+    /// Whether an event has reported it. Otherwise no host has a part of it any more.
     pub is_told: bool,
 }
 
@@ -159,7 +159,7 @@ pub struct LiveDeployment {
     pub end: Option<End>,
     /// Its processes, by path.
     pub processes: BTreeMap<String, Process>,
-    /// Its plan, once a node has told it.
+    /// The plan, once a node has reported it.
     pub plan: Option<KnownPlan>,
     /// How each process has ended, once it is over and an event has reported the end.
     pub ends: BTreeMap<String, LastEnd>,

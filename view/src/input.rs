@@ -25,7 +25,7 @@ pub enum Input {
     },
     /// A node has reported the hosts that do not answer it, and the processes that may run there.
     Absent {
-        /// The node that has told it.
+        /// The node that has reported it.
         teller: RobotId,
         /// Its answer.
         absent: Box<Absent>,
@@ -39,7 +39,7 @@ pub enum Input {
     },
     /// Something has happened in a deployment.
     Event {
-        /// The home of the deployment, which has told it.
+        /// The home of the deployment, which has reported the event.
         home: RobotId,
         /// The event.
         event: Box<Event>,

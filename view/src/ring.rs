@@ -14,7 +14,7 @@ struct Numbered<T> {
 pub(crate) struct Ring<T> {
     items: VecDeque<Numbered<T>>,
     limit: usize,
-    /// How many items have come, all in all.
+    /// The total number of items that have come.
     count: u64,
     /// The number of the latest item that has left.
     dropped_last: u64,
@@ -56,7 +56,7 @@ impl<T> Ring<T> {
         self.dropped_last > number
     }
 
-    /// Returns how many items have come, all in all.
+    /// Returns the total number of items that have come.
     pub(crate) fn count(&self) -> u64 {
         self.count
     }

@@ -13,13 +13,14 @@ use node::logic::database::question::{AsOf, Question, Reply};
 #[derive(Debug, clap::Args)]
 pub struct Diff {
     /// From when: a date such as `14:03`, `yesterday` or `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `on:ROBOT`
-    /// for the part that this robot also has. Or a prefix, such as `robot/r2/`, to compare its keys with the keys below another prefix
+    /// for the part that this robot also has. Or a prefix, such as `robot/r2/`: compares the keys below it with the
+    /// keys below another prefix
     #[arg(value_parser = side)]
     from: Side,
     /// To when, or the other prefix
     #[arg(value_parser = side, default_value = "now")]
     to: Side,
-    /// How the keys begin
+    /// The prefix of the keys
     #[arg(long, value_name = "PREFIX", default_value = "")]
     prefix: String,
     #[command(flatten)]

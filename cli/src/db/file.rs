@@ -25,7 +25,7 @@ const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY abs
 /// The arguments of `dca db export`.
 #[derive(Debug, clap::Args)]
 pub struct Export {
-    /// How the keys begin
+    /// The prefix of the keys
     #[arg(default_value = "")]
     prefix: String,
     /// When: a date, a cut, or `now`

@@ -21,7 +21,7 @@ use node::logic::database::question::{AsOf, Choice, Question, Reply, Resolve as 
 /// The arguments of `dca db history`.
 #[derive(Debug, clap::Args)]
 pub struct History {
-    /// A key, or a prefix that ends in `/`, or nothing for everything
+    /// A key, or a prefix that ends in `/` [default: all keys]
     #[arg(default_value = "")]
     key: String,
     /// Only changes by this robot
@@ -43,7 +43,7 @@ pub struct History {
 /// The arguments of `dca db conflicts`.
 #[derive(Debug, clap::Args)]
 pub struct Conflicts {
-    /// How the keys begin
+    /// The prefix of the keys
     #[arg(default_value = "")]
     prefix: String,
     #[command(flatten)]
@@ -85,7 +85,7 @@ pub struct At {
     /// the part that this robot also has
     #[arg(value_parser = a_moment)]
     moment: AsOf,
-    /// How the keys begin
+    /// The prefix of the keys
     #[arg(default_value = "")]
     prefix: String,
     #[command(flatten)]

@@ -21,7 +21,7 @@ const AGAIN_AFTER: Duration = Duration::from_millis(500);
 /// The arguments of `dca db watch`.
 #[derive(Debug, clap::Args)]
 pub struct Watch {
-    /// A key, or a prefix that ends in `/`, or nothing for everything
+    /// A key, or a prefix that ends in `/` [default: all keys]
     #[arg(default_value = "")]
     key: String,
     /// Go on after this version, as `dca db version` and an earlier watch print it

@@ -27,7 +27,7 @@ pub struct CommitArgs {
     /// Wait until it is on disks: `local`, `replicated:2`, `on:r2,r3` or `everywhere`
     #[arg(long, value_name = "LEVEL", default_value = "local", value_parser = ack_level)]
     pub(crate) level: AckLevel,
-    /// How long that may take, such as `2s` or `500ms`
+    /// The time limit for this, such as `2s` or `500ms`
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time)]
     pub(crate) within: Duration,
     #[command(flatten)]

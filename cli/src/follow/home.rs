@@ -49,7 +49,7 @@ impl Home {
         }
     }
 
-    /// Returns whether the reports have broken off, and none has come since.
+    /// Returns whether the reports have broken off, and no report has come since.
     pub(super) const fn is_cut_off(&self) -> bool {
         self.cut_off.is_some()
     }

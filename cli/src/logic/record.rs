@@ -96,7 +96,7 @@ pub enum Entry {
     Output {
         /// Absolute path of the program.
         path: String,
-        /// When it came, since GO; zero if it came before GO.
+        /// When the entry came, since GO. Zero if it came before GO.
         at: Duration,
         /// Whole lines, without the last line feed.
         text: String,

@@ -36,8 +36,8 @@ impl Lines {
         Self { starts, units }
     }
 
-    /// Returns the byte offset of a position. A position after the end of its line stands for this end; one after the
-    /// end of the text, for the end of the text.
+    /// Returns the byte offset of a position. A position after the end of its line means the end of
+    /// this line. A position after the end of the text means the end of the text.
     pub(super) fn offset(&self, text: &str, position: Position, encoding: Encoding) -> usize {
         let line = position.line as usize;
         let Some(&start) = self.starts.get(line) else { return text.len() };

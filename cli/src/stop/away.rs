@@ -1,4 +1,4 @@
-//! `dca stop NAME --away HOST`: stops a deployment whose home does not answer, as far as this is possible without it.
+//! `dca stop NAME --away HOST`: stops a deployment whose home does not answer, as far as this is possible without the home.
 //! The nodes that answer inform the home when it is back. The home then ends the deployment, or does not begin it.
 
 use crate::absent::{self, Absences};

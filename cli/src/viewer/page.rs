@@ -101,7 +101,7 @@ impl Page {
     }
 }
 
-/// Gives an order of the page; answers with a word about it, and returns it.
+/// Carries out an order of the page. Answers with a word about the result, and returns the result.
 fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = String> + Send + use<> {
     let Order { path, body, reply } = order;
     let action = action(&shared.model(), &path, &body);

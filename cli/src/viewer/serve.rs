@@ -17,9 +17,9 @@ use view::{Model, Position};
 
 /// How long a browser has for its request.
 pub(super) const REQUEST_WITHIN: Duration = Duration::from_secs(10);
-/// How long a browser may take for a piece of the stream before its connection is closed. It resumes with another one.
+/// How long a browser may take for a piece of the stream before its connection is closed. The browser resumes with another connection.
 const TAKEN_WITHIN: Duration = Duration::from_secs(20);
-/// How often the stream has a message, whether something has changed or not.
+/// How often the stream has a message, even if nothing has changed.
 const BEAT_EVERY: Duration = Duration::from_secs(1);
 /// How long after one message the next may come.
 const AGAIN_AFTER: Duration = Duration::from_millis(200);

@@ -89,7 +89,7 @@ pub fn check_itself(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Opens a regular file to be appended to; makes it if it is not there.
+/// Opens a regular file for appending. Makes the file if it does not exist.
 ///
 /// # Errors
 /// The file cannot be made or opened, or is not a regular file (`InvalidInput`).

@@ -226,8 +226,8 @@ impl Session {
         Ok(session)
     }
 
-    /// Returns a receiver of the addresses at which others can find this machine, which changes with them. The list is empty without a
-    /// network, and with [`Reach::Host`].
+    /// Returns a receiver of the addresses at which other machines can find this machine. The receiver gets each
+    /// change. The list is empty without a network, and with [`Reach::Host`].
     pub fn addresses(&self) -> watch::Receiver<Vec<String>> {
         self.opened.addresses()
     }

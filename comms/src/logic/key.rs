@@ -31,7 +31,7 @@
 //! ```
 //!
 //! Users choose names, and in a key expression `/ * $ # ? @` have a meaning. So every name is escaped.
-//! Letters, digits, `_`, `-` and `.` stay as they are. Any other byte becomes `%` and two hex digits. An
+//! Letters, digits, `_`, `-` and `.` are unchanged. Any other byte becomes `%` and two hex digits. An
 //! empty name becomes `%`. Escaping is one-to-one: different names never share a key, and no name can match
 //! the key of another name.
 

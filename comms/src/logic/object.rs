@@ -264,8 +264,8 @@ impl TypeForm {
         Self { name: name.to_owned(), fields: fields.trim().trim_end_matches(',').trim_end().to_owned() }
     }
 
-    /// Returns whether both may be the same type: the names are the same, and so are the fields where both declare
-    /// them.
+    /// Returns whether both may be the same type: the names are equal, and if both declare fields,
+    /// the fields are equal.
     pub fn fits(&self, other: &Self) -> bool {
         let bare = |fields: &str| fields.chars().filter(|c| !c.is_whitespace()).collect::<String>();
         let is_open = self.fields.is_empty() || other.fields.is_empty();

@@ -60,7 +60,7 @@ pub fn append(step: &Step, bytes: Vec<u8>) -> Result<Vec<u8>, postcard::Error> {
     postcard::to_extend(step, bytes)
 }
 
-/// Reads the first step from the bytes of a file; returns it and the bytes behind it. None if the bytes do not begin with a step.
+/// Reads the first step from the bytes of a file. Returns the step and the bytes after it. None if the bytes do not begin with a step.
 pub fn take(bytes: &[u8]) -> Option<(Step, &[u8])> {
     postcard::take_from_bytes(bytes).ok()
 }

@@ -1,7 +1,7 @@
 //! Named numbers that a program publishes for people and recorders, never for another controller.
 //!
-//! A program publishes them on `key::signals(robot, instance)` whenever it wants to, whether its wires are open or
-//! not. They describe themselves, so a recorder does not have to know the program.
+//! A program publishes its signals on `key::signals(robot, instance)` at any time, also while its
+//! wires are closed. They describe themselves, so a recorder does not have to know the program.
 
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};

@@ -1,13 +1,13 @@
 //! Opening a door about a hinge whose position is estimated during the opening.
 //!
 //! The hand moves along the path of the handle that [`super::hinge`] estimates, and turns with the door. The force
-//! limits the pull: the speed fades from 25 N on and is zero at 50 N. So the hand leans on a door that does not move,
-//! and does not tear at it. The limit of 50 N rises slowly up to 70 N, because a strong closer needs that. Only the
-//! slow part of the force makes the speed fade: the slope of this fade, 0.12 m/s over 25 N, is ten times the gain that
-//! a stiff grasp and a delay allow (see [`super::compliant`]). The quick part of the force only damps the motion, with
-//! that gain. A force beyond the largest pull makes the speed fade at once. Unless the direction is given, the hand
-//! first pulls gently, then pushes gently, and then repeats both with more force. A door that moves in neither
-//! direction is locked.
+//! limits the pull: the speed fades from 25 N on and is zero at 50 N. So if the door does not move, the hand pushes
+//! steadily and does not tear at it. The limit of 50 N rises slowly up to 70 N, because a strong closer needs that.
+//! Only the slow part of the force makes the speed fade: the slope of this fade, 0.12 m/s over 25 N, is ten times the
+//! gain that a stiff grasp and a delay allow (see [`super::compliant`]). The quick part of the force only damps the
+//! motion, with that gain. A force beyond the largest pull makes the speed fade at once. Unless the direction is
+//! given, the hand first pulls gently, then pushes gently, and then repeats both with more force. A door that moves in
+//! neither direction is locked.
 //!
 //! A hand that pushes a door follows it into the opening, so it cannot stay square to the leaf. As soon as the latch is
 //! free, the hand lets the lever up. Then it turns about the lever as [`super::swivel`] says.
@@ -39,8 +39,8 @@ pub const SPEED: f64 = 0.12;
 /// pull of any speed: from the first value below the largest pull to the second value above it.
 const SUDDEN: (f64, f64) = (5.0, 15.0);
 const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
-/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds
-/// up (m/s²).
+/// The hand does not tear at a door that may be locked: the speed (m/s) until the handle has moved
+/// this distance (m), and then the acceleration (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
 const ACCELERATION: f64 = 0.12;
 /// A hand that is slower than this stands still (m/s).

@@ -66,9 +66,10 @@ impl Hinge {
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
     }
 
-    /// Takes the observed distance of the hinge (m); a distance that is not positive is ignored. A hand that estimates
-    /// by the force alone needs the observation: its estimate takes half of the path, and until then slipping wheels
-    /// could not be distinguished from an unfinished estimate.
+    /// Takes the observed distance of the hinge (m); a distance that is not positive is ignored. If
+    /// a hand estimates by the force alone, it needs the observation. Its estimate takes half of
+    /// the path, and until then slipping wheels could not be distinguished from an unfinished
+    /// estimate.
     pub fn see(&mut self, radius: f64) {
         if radius > 0.0 {
             self.curvature += SEEN * ((1.0 / radius).clamp(CURVATURE.0, CURVATURE.1) - self.curvature);

@@ -8,7 +8,7 @@
 //! - If the line of the leaf continues on both sides, or further than any leaf, it is the wall, and the door is shut.
 //! - A wall with an opening that the leaf would fit shows how far the leaf is open. A law that begins with a half-open
 //!   door learns the angle in this way.
-//! - Any other line, such as a side wall, shows only by how much the leaf turns from now on. A wall
+//! - Any other line, such as a side wall, shows only how far the leaf turns from now on. A wall
 //! on only one side of the leaf proves nothing. In a corner, the side wall begins at the edge of a
 //! shut leaf, and this looks like an open leaf, where the wall begins at the hinge.
 //!

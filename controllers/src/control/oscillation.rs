@@ -52,7 +52,7 @@ impl Swings {
             self.sense = if rises && self.sense <= 0.0 { 1.0 } else { -1.0 };
             (self.low, self.high, self.since) = (value, value, 0.0);
         }
-        // During a rise only the highest value counts, during a fall only the lowest.
+        // During a rise, only the highest value is used. During a fall, only the lowest value is used.
         if self.sense > 0.0 {
             self.low = self.high;
         } else if self.sense < 0.0 {

@@ -7,9 +7,9 @@
 //! the missing motion of the hand, and the arm adds this motion. Without this, a stop at the handle
 //! overran by 2 mm, which cost 19 N.
 //!
-//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that must be steady hands
-//! its turn to joint 1, which changes neither the motion of the hand nor the outline of the robot. When the robot comes
-//! to rest, the arm alone moves the hand.
+//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. If the base
+//! must be steady, joint 1 makes the turn of the base. This changes neither the motion of the hand
+//! nor the outline of the robot. When the robot comes to rest, the arm alone moves the hand.
 //!
 //! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of
 //! theirs, the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini,

@@ -1,7 +1,7 @@
 //! How far a hand has moved, by its measured and by its commanded motion, which both arrive in bursts.
 //!
-//! A measured motion counts only as far as it was commanded, because wheels may spin. A commanded motion counts only as
-//! far as it was measured.
+//! A measured motion is used only up to the commanded motion, because wheels may spin. A commanded
+//! motion is used only up to the measured motion.
 //!
 //! Source: ours.
 

@@ -2,7 +2,7 @@
 
 /// The pull at which the hand stops (N): at first, and for a door that has not moved for some time.
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
-/// The greatest allowed vector sum of the pull and the force across it, such as the lever's (N).
+/// The greatest allowed vector sum (N) of the pull and the force across it, such as the force of the lever.
 pub const TOTAL_MAX: f64 = 72.0;
 /// The gentle attempts while the direction of opening is unknown (N): pull, push, pull, push.
 const GENTLE: [Attempt; 4] = [
@@ -19,7 +19,7 @@ pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 pub struct Attempt {
     /// The pull at which the hand finally stops (N).
     pub pull: f64,
-    /// The greatest allowed vector sum of the pull and the force across it, such as the lever's (N).
+    /// The greatest allowed vector sum (N) of the pull and the force across it, such as the force of the lever.
     pub total: f64,
 }
 

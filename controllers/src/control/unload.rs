@@ -18,8 +18,9 @@ use nalgebra::{Vector3, Vector6};
 
 /// The stiffest grasp, as a multiple of the stiffness that [`gain_max`] assumes: 48 kN/m.
 const STIFFEST: f64 = 8.0;
-/// If the mean force exceeds the first force by more than `GROWN` (N), the hand stops giving way; a braking base adds
-/// less than that. A force grows if its mean exceeds the previous mean by `GROWS` (N).
+/// If the mean force exceeds the first force by more than `GROWN` (N), the hand stops giving way. A
+/// braking base adds less force than `GROWN`. A force grows if its mean exceeds the previous mean
+/// by `GROWS` (N).
 const GROWN: f64 = 12.0;
 const GROWS: f64 = 1.0;
 /// The gain for torques (rad/s/Nm), and the largest speeds (m/s, rad/s).
@@ -27,8 +28,8 @@ const TURN: f64 = 0.06;
 const SPEED_MAX: f64 = 0.04;
 const TURN_MAX: f64 = 0.2;
 /// `LOOK` is the length of a mean of the force (s). A force stays if its mean has changed by less than a share of its
-/// size. `STEADY` is the largest such share. `STEADY_DELAY` divided by the delay (s) is the share that a grasp of 9
-/// kN/m loses; a hand that follows a softer grasp lets go of it sooner. `STEADY_DELAY_HELD` is the same for a hand that
+/// size. `STEADY` is the largest such share. `STEADY_DELAY` divided by the delay (s) is the share that a grasp of 9 kN/m
+/// loses. If the grasp is softer, the hand stops following it sooner. `STEADY_DELAY_HELD` is the same for a hand that
 /// holds a door and does not follow, with a grasp of 2 kN/m. For such a hand, the mean may also change by its noise
 /// `STEADY_NOISE` (N). Before `LATE` (s), no force is treated as a force that stays, because a late answer may still come.
 const LOOK: f64 = 0.1;

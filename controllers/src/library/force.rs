@@ -233,8 +233,8 @@ pub(super) struct ThresholdInputs {
     wrench: In<Wrench>,
 }
 
-/// Ends when a force exceeds a threshold and its own noise. If `forgets` is set, constant forces do not count, such as
-/// the drift of a sensor or an unknown payload.
+/// Ends when a force exceeds a threshold and its own noise. If `forgets` is set, constant forces
+/// are ignored, for example the drift of a sensor or an unknown payload.
 #[derive(Debug)]
 pub(super) struct ForceThreshold(Threshold);
 

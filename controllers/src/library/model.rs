@@ -45,7 +45,7 @@ pub(super) struct Inputs {
     /// The pose of the base.
     #[port("In3")]
     pose: In<BasePose>,
-    /// The gripper, which holds the handle as long as its width says so.
+    /// The gripper. Its width shows whether it holds the handle.
     #[device("gripper/state")]
     gripper: In<GripperState>,
     /// The laser, which sees how far the leaf is open.

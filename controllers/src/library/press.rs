@@ -28,7 +28,7 @@ pub(super) struct Inputs {
     /// The wrist sensor.
     #[device("ft/state")]
     force: In<FtState>,
-    /// The gripper, which holds the lever as long as its width says so.
+    /// The gripper. Its width shows whether it holds the lever.
     #[device("gripper/state")]
     gripper: In<GripperState>,
 }

@@ -66,9 +66,9 @@ pub trait Controller: Sized + Send + 'static {
         Stopping::Finished
     }
 
-    /// Returns, for a person, why the end of the last [`Controller::stop`] is not certain: something outside may
-    /// continue, or may not be as it should be. Called once, after the stop. If there is a reason, the stop counts as
-    /// unconfirmed.
+    /// Returns, for a person, why the end of the last [`Controller::stop`] is not certain:
+    /// something outside of the program may continue, or may be in a wrong state. Called once,
+    /// after the stop. If there is a reason, the stop counts as unconfirmed.
     fn unconfirmed(&self) -> Option<String> {
         None
     }

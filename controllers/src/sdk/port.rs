@@ -311,7 +311,7 @@ pub trait AnyOut {
     /// Returns whether a value waits.
     fn is_pending(&self) -> bool;
 
-    /// Drops the waiting value if a number in it is not finite; returns whether it did.
+    /// Drops the waiting value if a number in it is not finite. Returns whether it has dropped the value.
     fn refuse(&mut self) -> bool;
 
     /// Encodes the waiting value directly into memory; returns whether there was room. In this case the value does not

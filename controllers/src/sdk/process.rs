@@ -1,5 +1,5 @@
-//! A controller as a program of its own. A node starts it and sends it orders over a control socket; its data has a
-//! session of its own.
+//! A controller as a program of its own. A node starts it, and sends it orders over a control
+//! socket. Its data uses a separate session.
 //!
 //! Three parties share the process. The *listener* (the main thread) reads the node's orders, makes the links, and
 //! opens and closes wires. The *cycle* (a thread with absolute deadlines) owns the controller, and no other thread

@@ -5,7 +5,7 @@
 //!
 //! *Rule.* A new timestamp is one tick above the largest known one. It is raised to the wall clock only if that is
 //! trusted and not far ahead of better clocks. A timestamp is `(epoch, hlc, origin)`. `hlc` is one number: 48 bits of
-//! milliseconds and a counter of 16 bits. So a full counter carries into the milliseconds by itself.
+//! milliseconds and a counter of 16 bits. So a full counter automatically carries into the milliseconds.
 //!
 //! *Why it is right.* Each timestamp is larger than all that its replica has issued or seen, for any wall clock. A
 //! replica that sees a transaction has seen its timestamp. So `a` before `b` in causality means `stamp(a) < stamp(b)`

@@ -4,9 +4,9 @@
 //! [`Head`]. Therefore the header of a transaction in a push is relative to the head: timestamp and wall clock are
 //! differences, and seen origins are positions in the head's context instead of names. The hash of the previous
 //! transaction is replaced by the transaction's own hash. This saves 45 bytes for a transaction that has seen three
-//! others. The digest of the transactions seen is left out, because the receiver can compute it. A receiver that has
-//! another head, or has seen other transactions, decodes a different transaction. The hash shows this, and the receiver
-//! pulls. Logs, disks and answers have complete transactions.
+//! other transactions. The digest of the transactions seen is left out, because the receiver can compute it. A receiver
+//! that has another head, or has seen other transactions, decodes a different transaction. The hash shows this, and the
+//! receiver pulls. Logs, disks and answers have complete transactions.
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::log::Head;

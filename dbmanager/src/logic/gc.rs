@@ -7,12 +7,11 @@
 //! they are stable and the log is longer than its limit.
 //!
 //! *T5, nothing comes back.* Let a deletion `T` be stable here. Consider a transaction that has not seen `T`. A member committed it
-//! before it had `T`, so the transaction is within the version vector by which that member reported `T`. That version vector was counted
-//! only because the own one dominates it. So the transaction is already applied here, and `T` was compared with it. Every
-//! later transaction has `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers begin with a
-//! state that has `T` (see
-//! [`member`](crate::logic::member)). A transaction that is rebased under a new origin removes every deletion in its context: if
-//! anything was dropped before the newcomer was known, then with the sponsor's consent, so it is in the state with which the newcomer
+//! before it had `T`, so the transaction is within the version vector by which that member reported `T`. That version vector is used only
+//! because the replica's own version vector dominates it. So the transaction is already applied here, and `T` was compared with it. Every
+//! later transaction has `T` in its context. So dropping `T` changes nothing for later transactions. Newcomers begin with a state that has
+//! `T` (see [`member`](crate::logic::member)). A transaction that is rebased under a new origin removes every deletion in its context: if a
+//! deletion was dropped before the newcomer was known, the sponsor had agreed. So the deletion is in the state with which the newcomer
 //! begins.
 //!
 //! Counting the *reported* vectors alone is not enough. A member may report that it has `T` while one of its concurrent writes is still

@@ -21,8 +21,9 @@
 //! *active* origins are left to these origins, which rebase them themselves.
 //!
 //! *Nothing is hidden, nothing comes back.* Let `d` be a version in the new state at a key, which the old side has seen but does
-//! not hold. Then a write took `d` away there. The chain of writes that took each other away ends at a version `q` that the old side
-//! holds, or at a deletion that the old side has dropped.
+//! not hold. Then a write took `d` away there. Consider the chain of writes in which each write
+//! removed the previous write. The chain ends at a version `q` that the old side holds, or at a
+//! deletion that the old side has dropped.
 //! - `q` is not in the new side: it would have taken `d` away there. So `q` is rebased. It has seen `d`, hence nothing that is
 //!   left at a key of `q` is from `d`'s transaction, and its timestamp is larger. A piece takes `d` exactly under these two
 //!   conditions. So the piece of `q` takes it; if another piece takes it as well, `d` had to go anyway. No timestamp has to be
@@ -34,8 +35,9 @@
 //! side. So no piece takes it. Deletions differ, because some replicas have already dropped them. This makes no difference: a
 //! piece takes every deletion in its context at its keys (see [`state`](crate::logic::state)).
 //!
-//! *Numbers used twice.* The transactions of an origin in `forked` are common to both sides only up to a number. All later ones
-//! are unknown to the other side, whatever their names. The result may have too many versions then, never too few.
+//! *Numbers used twice.* The transactions of an origin in `forked` are common to both sides only up
+//! to a number. All later versions are unknown to the other side, whatever their names. The result
+//! may have too many versions then, never too few.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;

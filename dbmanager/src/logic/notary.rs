@@ -1,8 +1,9 @@
 //! The authors of transactions, in a team whose robots have keys.
 //!
-//! *Records.* Beside `sys/members/<origin>` there is `sys/keys/<origin>`: a [`Claim`], in which a robot signs that this origin is
-//! its own, and which other origins it has given up. The claim is written with the admission. So a replica that has a transaction of
-//! an origin also has the origin's key.
+//! *Records.* For each `sys/members/<origin>` there is a `sys/keys/<origin>`: a [`Claim`]. With it,
+//! a robot signs that this origin is its own, and lists the other origins that it has given up. The
+//! claim is written with the admission. So a replica that has a transaction of an origin also has
+//! the origin's key.
 //!
 //! *Rule.* A transaction is accepted only if it is signed with the key of its origin. It may admit an origin only if it has that
 //! origin's claim. It may retire an origin only if that belongs to the same robot, is given up in a claim, or its key is revoked. No

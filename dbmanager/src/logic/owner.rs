@@ -6,8 +6,8 @@
 //!
 //! *Rule.* Other robots refuse to write below the prefix, and name the owner, so that the request
 //! can be sent to it. The owner may give the prefix to any robot. If the prefix has no owner, any
-//! robot may give it to a robot. An operator may *take it over* by force. Each grant has the next
-//! term after the one that its writer knows. Among grants that did not see each other, the larger
+//! robot may give it to a robot. An operator may *take it over* by force. The term of each grant is
+//! one above the term that its writer knows. Among grants that did not see each other, the larger
 //! term counts, then the later timestamp.
 //!
 //! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or before the first owner.

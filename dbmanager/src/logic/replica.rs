@@ -409,7 +409,7 @@ impl Replica {
     fn is_of_use(&mut self, now: Time, whole: &Downloaded, effects: &mut Vec<Effect>) -> bool {
         let from = whole.from;
         if !whole.manifest.vector().dominates(&self.log().low()) {
-            // Some transactions that would have to be applied again to this state are not kept here any more.
+            // Some transactions that would have to be applied again to this state are no longer kept here.
             let dropped = self.peers.dropped(from);
             if dropped >= DROPPED_MAX && from < self.origin() {
                 self.rejoin(now, false, effects);

@@ -89,8 +89,8 @@ pub enum Condition {
     Is(Dot),
 }
 
-/// A condition that held where the transaction was committed. It is kept, so that others can see that two transactions
-/// relied on the same version without knowing of each other.
+/// A condition that held where the transaction was committed. It is kept, so that other replicas
+/// notice two transactions that relied on the same version and had not seen each other.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Require {
     /// The key of the condition.
@@ -249,8 +249,8 @@ impl EncodedTxn {
         (self.format == FORMAT_SIGNED).then(|| (notary::written(body), signature.as_slice()))
     }
 
-    /// Returns the digest of the other transactions that this one has seen. None in the first format, which is also used
-    /// for a transaction that has seen no others.
+    /// Returns the digest of the other transactions that this one has seen. None in the first
+    /// format. This format is also used for a transaction that has seen no other transactions.
     pub fn seen(&self) -> Option<ChainHash> {
         let (_, end) = self.body.split_at_checked(self.body.len().checked_sub(self.behind())?)?;
         end.first_chunk::<SEEN_SIZE>().copied().map(ChainHash)
@@ -297,7 +297,7 @@ impl EncodedTxn {
         }
     }
 
-    /// Reads the position in history, in any format; returns it and the bytes behind it.
+    /// Reads the position in history, in any format. Returns the position and the bytes after it.
     ///
     /// # Errors
     /// If the bytes do not begin with a position in history.

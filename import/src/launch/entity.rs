@@ -16,7 +16,7 @@ pub(super) struct Attribute {
     pub(super) value: String,
 }
 
-/// An action, or a part of one such as a parameter of a node.
+/// An action, or a part of an action, such as a parameter of a node.
 #[derive(Clone, Debug)]
 pub(super) struct Entity {
     /// The kind, with `_` for `-`: both forms are in use.

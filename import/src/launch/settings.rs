@@ -86,7 +86,7 @@ fn own_settings(importer: &mut Importer<'_>, entity: &Entity, prefix: &str, all:
     }
 }
 
-/// Turns settings into those that a spec has.
+/// Turns settings into settings of a spec.
 fn apply(importer: &mut Importer<'_>, entity: &Entity, all: Vec<Setting>, settings: &mut Settings) {
     let mut parameters: BTreeMap<String, Result<Parameter, String>> = BTreeMap::new();
     for setting in all {

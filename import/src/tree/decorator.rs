@@ -150,7 +150,7 @@ fn repeat(context: &mut Context<'_>, node: Node<'_>, piece: Piece) -> Result<Pie
         ..=0 => Piece::skip(),
         1 => piece,
         2..=ROUNDS_MAX => {
-            // Each index is different from those around it.
+            // Each index is different from the indexes of the loops around it.
             context.indices += 1;
             piece.repeated(&format!("i{}", context.indices), cycles)
         }

@@ -282,7 +282,7 @@ impl Reason {
 /// Why a group aborted.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Reason {
-    /// The member it began with; none for a constant such as `fail`.
+    /// The member in which the failure began. None for a constant such as `fail`.
     pub member: Option<u32>,
     /// The cause of the abort.
     pub cause: Cause,

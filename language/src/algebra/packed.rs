@@ -7,8 +7,9 @@
 //!
 //! Where a state is stored, half a byte a node says its phase and the kind of its outcome. If the values of outcomes matter, a
 //! byte a node follows with the number of the value. Then the queue of `using`, three bytes a place, and of an activity eight
-//! bytes that say where it is. All else follows from these: counts of operands from their phases, seats and holders from the nodes that are active. The numbers
-//! of activations are left out, because no rule reads them: they are all 1. Of an abort its report is kept.
+//! bytes that say where it is. All other data follows from these words: the counts of operands follow from their
+//! phases, and seats and holders follow from the active nodes. The numbers of activations are left out, because no rule
+//! reads them: they are all 1. Of an abort its report is kept.
 
 use super::charts::Charts;
 use super::event::{Activation, Cause, Outcome, Reason, Value};

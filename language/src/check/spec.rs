@@ -89,7 +89,7 @@ pub(crate) struct Process {
     pub(crate) backoff: Option<Backoff>,
     /// The effect of a reboot, and the place of the statement.
     pub(crate) on_boot: Option<(OnBoot, Span)>,
-    /// Nothing when there is no such section, or an empty one.
+    /// Nothing if there is no such section, or if the section is empty.
     pub(crate) actions: Option<Expr>,
     pub(crate) damage: Damage,
     /// Whether no fault-free run of it ends; known after `flow`.

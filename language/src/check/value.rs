@@ -131,7 +131,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the value of a name. The name may be `true` or `false`, a parameter or a named constant. Otherwise it stands for itself.
+    /// Returns the value of a name. The name may be `true` or `false`, a parameter or a named constant. Otherwise the
+    /// name itself is the value.
     pub(super) fn symbol(&mut self, name: &Name) -> Value {
         let scope = self.scope;
         let value = |kind| Value { span: name.span, kind, dimension: None };

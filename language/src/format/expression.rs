@@ -16,7 +16,7 @@ pub(super) fn is_expression(kind: SyntaxKind) -> bool {
     is_operator(kind) || kind == Paren || kind == Match
 }
 
-/// Returns whether the operands of a node are equals, so that each may have lines of its own.
+/// Returns whether the operands of a node have the same rank, so that each operand may have separate lines.
 pub(super) fn is_operator(kind: SyntaxKind) -> bool {
     let Some(operator) = kind.operator() else { return false };
     match operator {

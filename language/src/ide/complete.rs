@@ -72,8 +72,8 @@ impl Completion {
 }
 
 impl Analysis {
-    /// Returns the bytes of the word at a byte offset of the spec, and the words that could replace it. The likeliest come first, whatever
-    /// is already typed.
+    /// Returns the bytes of the word at a byte offset of the spec, and the words that could replace
+    /// it. The most likely words come first, even if some text is already typed.
     pub fn complete(&self, offset: usize) -> (std::ops::Range<usize>, Vec<Completion>) {
         let text = &self.spec.text;
         let offset = text.floor_char_boundary(offset);

@@ -213,7 +213,7 @@ fn wire_group(
     for set in &after.sets {
         let owner = set.owner.map(|owner| own.slot(owner));
         if owner == Some(TAKEN_AWAY) {
-            // It has no user any more, and only keeps the numbers of those behind it.
+            // The set no longer has a user, and only keeps the numbers of later sets unchanged.
             own.sets.push(TAKEN_AWAY);
             continue;
         }

@@ -15,7 +15,7 @@ const OF_NODE: [&str; 3] = ["DCA_", "NOTIFY_SOCKET", "WATCHDOG_"];
 pub struct Environment {
     /// The variables that it sets.
     pub variables: BTreeMap<String, String>,
-    /// The variables that it takes over from its node: names, or with `*` at the end how names begin.
+    /// The variables that the program inherits from its node: names, or beginnings of names with `*` at the end.
     pub inherited: BTreeSet<String>,
     /// The working folder of the program, absolute or relative to the folder in which its node was started. The default
     /// is the folder in which the node was started.
@@ -41,7 +41,7 @@ impl Environment {
     }
 }
 
-/// Returns whether a name is meant by another one, or by how names begin: `ROS_*`.
+/// Returns whether a pattern means this name. The pattern is a name, or the beginning of names: `ROS_*`.
 pub fn is_matched(name: &str, pattern: &str) -> bool {
     pattern.strip_suffix('*').map_or(name == pattern, |begin| name.starts_with(begin))
 }

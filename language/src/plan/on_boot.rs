@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// The home's action after a reboot with a deployment that ran before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum OnBoot {
-    /// It says that the deployment did not go on, and forgets it: a machine that moves when its power comes back is a hazard.
+    /// It reports that the deployment did not continue, and forgets it, because a machine that moves when its power returns is a hazard.
     #[default]
     None,
     /// It deploys the same plan again, which starts from the beginning.

@@ -48,7 +48,7 @@ pub struct Question {
     pub default: Option<DefaultAnswer>,
 }
 
-/// The answer that counts if none was given in time.
+/// The answer that is used if no answer was given in time.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DefaultAnswer {
     /// The answer.
@@ -143,7 +143,7 @@ impl std::fmt::Display for Notice {
 /// A condition on a message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Filter {
-    /// The text of the message is this one, or is not.
+    /// The text of the message is equal to this text, or differs from it.
     Text {
         /// The text.
         text: String,
@@ -214,7 +214,7 @@ impl StateChart {
         self.value_at(port, text_value(text), priority)
     }
 
-    /// Returns the message event of a value at the port of a number; filters see the text that it is, if it is one.
+    /// Returns the message event of a value at the port with this number. If the value is a text, filters see this text.
     pub fn value_at(&self, port: u32, value: Value, priority: u8) -> Option<Event> {
         self.inputs.get(port as usize)?;
         let (numbers, text) = (0_u32.., value.text().unwrap_or_default());

@@ -24,7 +24,7 @@ pub enum Strategy {
     OneForOne,
     /// All of the group.
     OneForAll,
-    /// That one and all that are declared after it.
+    /// The dead program, and all programs that are declared after it.
     RestForOne,
 }
 

@@ -24,7 +24,7 @@ macro_rules! kinds {
             #[cfg(test)]
             pub(crate) const OPERATORS: &'static [Self] = &[$(Self::$operator,)*];
 
-            /// Returns what a person calls it.
+            /// Returns the name that people use for it.
             pub fn describe(self) -> &'static str {
                 match self {
                     $(Self::$name => $what,)*

@@ -69,8 +69,8 @@ impl Agent {
         std::thread::Builder::new().name("agent".into()).spawn(move || reader.run(&listener)).map(drop)
     }
 
-    /// Reports to the agent. Returns whether there is an agent. A lost agent does not hear it; its successor asks for
-    /// it, or reads the record of the end.
+    /// Reports to the agent. Returns whether there is an agent. A lost agent does not get this
+    /// report. The next agent asks for it, or reads the record of the end.
     pub(crate) fn report(&self, report: &ShimReport) -> bool {
         let mut reports = lock(&self.reports);
         let line = format!("{report}\n");

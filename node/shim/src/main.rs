@@ -3,8 +3,9 @@
 //! The agent can be killed and replaced while this runs on, so no exit code is ever lost. As a subreaper it inherits
 //! every process that the program leaves behind, daemons included; so "no child is left" means "nothing of it is left".
 //!
-//! A program that hangs is ended, whether an agent is there or not: it gives signs of life (`beats`), and `watchdog`
-//! measures how long they stay away. It gets SIGABRT, so that a core can be written, and SIGKILL after a grace.
+//! A program that hangs is ended, also without an agent. The program gives signs of life (`beats`),
+//! and `watchdog` measures the time without a sign of life. It gets SIGABRT, so that a core can be
+//! written, and SIGKILL after a grace.
 //!
 //! The instance *is* its main process: when that ends, its descendants are killed at once. Three threads send events to
 //! the main one: agent (orders, attachments, losses), reaper (children that end) and watchdog. Two more keep the

@@ -116,7 +116,7 @@ pub fn is_there(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process)
 }
 
-/// Returns whether a process has files open, or hides them from this one. A process that is being killed closes its
+/// Returns whether a process has files open, or hides its files from this process. A process that is being killed closes its
 /// files before it is gone, which takes seconds on a busy machine.
 pub fn has_open_files(pid: i32) -> bool {
     std::fs::read_dir(format!("/proc/{pid}/fd"))
@@ -139,7 +139,7 @@ pub fn is_traced(pid: i32) -> bool {
     tracer.is_some_and(|tracer| tracer.trim() != "0")
 }
 
-/// Returns the real user of a process, by which the right to signal it goes; none if it is not there. Sources:
+/// Returns the real user of a process, which decides who may signal the process. None if the process does not exist. Sources:
 /// proc_pid_status(5), kill(2).
 pub fn user(pid: i32) -> Option<u32> {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;

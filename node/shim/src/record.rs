@@ -64,8 +64,8 @@ pub(super) fn conclude(dir: &Path, agent: &Agent, end: ShimReport) -> Option<Shi
     if is_heard || is_written { None } else { Some(end) }
 }
 
-/// Keeps an end that neither an agent nor the disk has taken, until one of them does: it has no other copy. Once the
-/// socket is gone, no agent will ever ask.
+/// Keeps a report of an end that neither an agent nor the disk has accepted, until the agent or the disk accepts it.
+/// There is no other copy. Once the socket is gone, no agent will ever ask.
 pub(super) fn hold(dir: &Path, agent: &Agent, end: &ShimReport, events: &Receiver<Event>) {
     let socket = dir.join(SOCKET_FILE);
     while !agent.is_told() && socket.exists() && write_end(dir, end).and_then(|file| sync(&file, dir)).is_err() {

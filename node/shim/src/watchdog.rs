@@ -1,8 +1,9 @@
 //! Whether a program hangs: it gives no sign of life for too long, or prepares for too long.
 //!
-//! Only time that the watcher has witnessed counts. A watcher that was late itself, because the host slept, was
-//! suspended or is overloaded, gives the program a new bound: a false alarm costs a mission, a late one some seconds. A
-//! watcher that is late every time has had many turns while the program had none; then that time also counts.
+//! Only time that the watcher has witnessed counts. If the watcher itself was late, because the host slept,
+//! was suspended or is overloaded, the program gets a new bound. A false alarm costs a mission, and a late
+//! alarm costs only some seconds. A watcher that is late every time has had many turns while the program had
+//! none; then that time also counts.
 
 use comms::logic::time::Time;
 use shim::protocol::EndReason;
@@ -76,8 +77,8 @@ impl Watchdog {
             match (&self.preparation, init) {
                 (Some(Preparation { number, .. }), Some(_)) if *number == init => {}
                 (_, Some(_)) => self.preparation = Some(Preparation { number: init, elapsed: Duration::ZERO }),
-                // A program that has been started reports when it is ready; a program that is only initialised stops to
-                // report it.
+                // A started program reports when it is ready. If a program only runs its `Init`, a
+                // sign of life without `X_INIT` shows that the `Init` is over.
                 (Some(Preparation { number: Some(_), .. }), None) if line == "WATCHDOG=1" => self.preparation = None,
                 // Its signs of life count from here on.
                 _ if line == "READY=1" => {

@@ -55,7 +55,8 @@ pub fn answers() -> (Caller, Answers) {
 }
 
 impl Caller {
-    /// Adds a witness. It receives the outcome of the request once an answer contains it, or learns at the end that there was none.
+    /// Adds a witness. It receives the outcome of the request once an answer contains it. If no answer contains it, it
+    /// learns this at the end.
     #[must_use]
     pub(crate) fn witnessed(mut self, witness: impl FnOnce(Option<Outcome>) + Send + 'static) -> Self {
         self.witness = Mutex::new(Some(Witness(Box::new(witness))));

@@ -24,7 +24,7 @@ const NAME_MAX: usize = 4096;
 /// The group of this process, once it has one.
 static OWN: Mutex<Option<PathBuf>> = Mutex::new(None);
 
-/// Moves this process into a group of its own, unless it is already in one, and writes the group's name into `folder`.
+/// Moves this process into its own control group, unless it is already in such a group, and writes the group's name into `folder`.
 /// Does nothing if the system does not allow it: in containers, and in sessions without delegation.
 pub fn enter(folder: &Path) {
     let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);

@@ -146,7 +146,7 @@ struct Driver {
     alarm: Option<Time>,
 }
 
-/// The decisions about what may run here.
+/// The decisions about which programs may run here.
 #[derive(Debug)]
 struct Gate {
     /// Decides who may start, stop and change something, if the node is in a team.
@@ -472,7 +472,7 @@ impl Driver {
         }
     }
 
-    /// Starts a job beside the loop, without waiting for it.
+    /// Starts a job that runs at the same time as the loop. The loop does not wait for it.
     fn later(&self, job: Job) {
         if let Err(error) = self.queues.jobs.try_send(job) {
             tracing::warn!(%error, "the queue of jobs is full: one is dropped");

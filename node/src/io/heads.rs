@@ -1,6 +1,6 @@
-//! Members of a team sign the positions of each other's audit logs. A node sends the position of its own log to all
-//! others. Each of them signs the position, stores it, and returns it. `team::member::heads` defines the signed bytes
-//! and the conditions.
+//! Members of a team sign the positions of each other's audit logs. A node sends the position of
+//! its own log to all other nodes. Each of them signs the position, stores it, and returns it.
+//! `team::member::heads` defines the signed bytes and the conditions.
 //!
 //! ```text
 //! r1 ──AuditHead, signed by r1──▶ r2: compares it with what it has signed before, signs it, keeps it

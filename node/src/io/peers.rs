@@ -149,7 +149,7 @@ impl Peers {
         Ok(Self { session, token, calls: BTreeMap::new(), own, authors, beaten, _beats: beats })
     }
 
-    /// Asks other nodes whether they are present: the nodes with some names, or all. With `shows`, introduces this node
+    /// Asks other nodes whether they are present: nodes with certain names, or all nodes. With `shows`, introduces this node
     /// to nodes that may not know it.
     pub fn ping(&self, round: u64, only: Option<&BTreeSet<String>>, shows: bool) {
         let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };

@@ -41,7 +41,7 @@ impl Secrets {
     /// Returns the secrets of these keys, in the form that a shim reads.
     ///
     /// # Errors
-    /// This node cannot read one of them. The error has the reason and advice.
+    /// This node cannot read one of the secrets. The error has the reason and advice.
     ///
     /// # Cancellation
     /// Safe.

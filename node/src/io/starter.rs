@@ -1,5 +1,5 @@
-//! Starts programs, closes deployments and removes their files. It does one job after the other, beside the loop of the
-//! node: a file system may be slow.
+//! Starts programs, closes deployments and removes their files. It does one job after the other, in
+//! parallel to the loop of the node, because a file system may be slow.
 
 mod others;
 

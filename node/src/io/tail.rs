@@ -159,9 +159,9 @@ pub async fn all(programs: Vec<(String, PathBuf)>, over: DeploymentEnd, caller: 
     }
 }
 
-/// Sends the output of all readers. It takes one chunk of each reader at a time, so that a program with much output
-/// does not delay the others. If a file cannot be read, the rest of it is left out. The caller is told at the end that
-/// the output is incomplete.
+/// Sends the output of all readers. It takes one chunk of each reader at a time, so that a program
+/// with much output does not delay other readers. If a file cannot be read, the rest of it is left
+/// out. The caller is told at the end that the output is incomplete.
 async fn send(
     readers: Vec<Reader>,
     mut over: DeploymentEnd,

@@ -131,7 +131,7 @@ impl Agent {
         let (mut more, since_1970) = (Vec::new(), self.run.since_1970(now));
         let mut out = Out { now, since_1970, effects, messages: &mut more };
         self.callers.check_ins.check_in(&self.peers.names, self.participants.values_mut(), &mut out);
-        // This comes first, so that a caller whose question is the first input hears of these deployments.
+        // This comes first, so that even a caller whose question is the first input gets these deployments.
         self.look_back(&mut out);
         self.take(input, &mut out);
         self.tick(&mut out);

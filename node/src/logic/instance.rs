@@ -5,10 +5,11 @@
 //!     any ─program ended, nothing left─▶ Dead          any ─leave─▶ Leaving ─▶ Dead
 //!     after the first Idle: any ─program ended─▶ Waiting ─▶ Starting …, as `restarts` allows, else Dead
 //! ```
-//! Invariants: exactly one ending for each activation (`finish` takes away the activation it ends), and only when the
-//! controller has finished its `Stop()` or when nothing of the program is left. A stop is bounded by `stop_within`,
-//! then by the grace after SIGTERM, then by the time the kernel has to remove the killed processes. An activation
-//! outlives its program: while the program is started again, its supervisor hears nothing.
+//! Invariants: each activation has exactly one ending (`finish` removes the activation that it ends). The ending
+//! comes only when the controller has finished its `Stop()`, or when nothing of the program is left. A stop is
+//! bounded by `stop_within`, then by the grace after SIGTERM, then by the time the kernel has to remove the
+//! killed processes. An activation outlives its program: while the program is started again, its supervisor hears
+//! nothing.
 
 mod note;
 mod program;
@@ -75,8 +76,8 @@ enum Stage {
     Waiting {
         until: Option<Time>,
     },
-    /// The program hangs at its start, or was started again and did not come back as it should; it is ended before
-    /// anything else.
+    /// The program hangs at its start, or was started again and did not return correctly. It is
+    /// ended before any other step.
     Removing {
         until: Time,
     },

@@ -54,7 +54,7 @@ pub(super) const REMEMBERED: Duration = Duration::from_secs(120);
 const NAMES_MAX: usize = 1024;
 /// The most nodes of one name that are kept.
 const LIVES_MAX: usize = 8;
-/// How long the second node of a name stays, so that the first node and others can notice and report it.
+/// How long the second node of a name stays, so that the first node and other nodes can notice and report it.
 pub(super) const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// One boot of a node.
@@ -375,8 +375,8 @@ impl NameServer {
         self.peers.iter().flat_map(of_name).collect()
     }
 
-    /// Returns whether a host may count this node as missing: this node was just away, killed or suspended, and the
-    /// last answer of the host is old. Stays true until [`NameServer::tick`].
+    /// Returns whether a host may treat this node as missing: this node was just away, killed or
+    /// suspended, and the last answer of the host is old. Stays true until [`NameServer::tick`].
     pub fn has_slept(&self, now: Time, host: &str) -> bool {
         let slept = self.slept(now);
         slept > ASK_EVERY && self.held(host).is_some_and(|life| life.last.slept + slept > SILENCE_MAX)
@@ -386,7 +386,7 @@ impl NameServer {
         now.since(self.due.max(self.seen + ASK_EVERY))
     }
 
-    /// Shifts all times by the time that this node was away, because others were not silent during it. If it was away
+    /// Shifts all times by the time for which this node was away, because other nodes were not silent during this time. If it was away
     /// for long, asks all nodes.
     fn make_up(&mut self, now: Time) {
         let slept = self.slept(now);

@@ -143,7 +143,8 @@ impl Sending {
         self.end().is_some()
     }
 
-    /// Returns `None` if the queue has accepted the message. Raises `dca.SendError` if it has not, or may not have.
+    /// Returns `None` if the queue has accepted the message. Raises `dca.SendError` if the queue has not accepted the
+    /// message, or may not have accepted it.
     fn result(&self) -> PyResult<()> {
         let end = self.end().ok_or_else(|| PyRuntimeError::new_err("the receipt has not come yet: see `done`"))?;
         end.map_err(SendError::new_err)

@@ -56,7 +56,7 @@ pub(crate) fn schema(of: &TypeName) -> Result<Schema, String> {
     library::schema(of).map_err(|error| format!("`{of}`: {error}"))
 }
 
-/// Returns a text that lives as long as the process, as the names in interfaces do. An interface is made once.
+/// Returns a text that lives as long as the process, like the names in interfaces. An interface is made once.
 pub(crate) fn for_ever(text: String) -> &'static str {
     Box::leak(text.into_boxed_str())
 }

@@ -109,7 +109,7 @@ impl Route {
         self.label().trim_start_matches('/').replace('/', ".")
     }
 
-    /// Reads the routes of a bridge. None if one of them cannot be read, if two have the same name, or if there are too many.
+    /// Reads the routes of a bridge. None if a route cannot be read, if two routes have the same name, or if there are too many routes.
     pub fn list(text: &str) -> Option<Vec<Self>> {
         let routes: Vec<Self> = text.split(END).map(Self::parse).collect::<Option<_>>()?;
         let mut labels = BTreeSet::new();

@@ -111,7 +111,7 @@ impl Token {
         let domain = next()?.parse().ok()?;
         let session = next().filter(|id| !id.is_empty() && id.bytes().all(|byte| byte.is_ascii_hexdigit()))?.to_owned();
         let (node_id, id, kind) = (next()?.parse().ok()?, next()?.parse().ok()?, next()?);
-        // The enclave tells which keys a process has. It is not needed here.
+        // The enclave says which keys a process has. It is not needed here.
         next()?;
         let namespace = match next()? {
             SLASH => None,

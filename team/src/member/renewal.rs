@@ -86,8 +86,8 @@ impl Member {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns until when this node's certificate is valid, without the grace period, and from when on others are asked to renew it.
-    /// The second time is none if it cannot be renewed any more.
+    /// Returns the time until which this node's certificate is valid, without the grace period, and the time from which
+    /// the node asks other nodes for a renewal. The second time is none if it cannot be renewed any more.
     pub fn validity(&self) -> (UnixTime, Option<UnixTime>) {
         let credential = self.newest().clone();
         self.with_judge(|judge| (renewal::end(&credential, judge), renewal::due(&credential, judge)))
@@ -151,7 +151,7 @@ impl Member {
         self.record(AuditEntry { decision: Decision::Done, who, what, reason });
     }
 
-    /// Returns the bytes of the newest known credentials: the node's own one, and those that others have shown.
+    /// Returns the bytes of the newest known credentials: the node's own credential, and the credentials that other nodes have shown.
     pub fn known_credentials(&self) -> Vec<Vec<u8>> {
         let own = self.newest().to_bytes();
         std::iter::once(own).chain(self.cards.all().iter().map(Credential::to_bytes)).collect()

@@ -12,8 +12,8 @@ use language::plan::{Expression, LeafPort};
 pub(super) struct Span {
     /// The hosts of its two ends, the smaller number first.
     pub(super) hosts: (u32, u32),
-    /// A unit of the group that has the wire, and the nodes that open the wire, each with its unit; none if it is always
-    /// open.
+    /// A unit of the group that has the wire, and the nodes that open the wire, each with its unit.
+    /// No nodes if the wire is always open.
     unit: usize,
     nodes: Option<Vec<(usize, usize)>>,
     pub(super) from: MemberRef,

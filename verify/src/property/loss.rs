@@ -76,8 +76,8 @@ impl<'m> Question<'_, 'm, '_> {
         above.any(|group| (model.plan.groups[group as usize].host == lost) != (own == lost))
     }
 
-    /// Checks a sentence about the loss of a host. The host may die or be cut off. Or it returns at once, and every
-    /// program on it has died; these deaths are reported one by one.
+    /// Checks a sentence about the loss of a host. The host may die or be cut off. Or the host
+    /// returns at once, and every program on it has died. These deaths are reported one by one.
     pub(super) fn on_loss(&self, host: &str, consequence: &Consequence) -> Finding {
         let model = self.times.model;
         let Some(host) = (0_u32..).zip(&model.plan.hosts).find(|(_, name)| *name == host).map(|(host, _)| host) else {

@@ -1,6 +1,6 @@
-//! The file of a record. It can be read at any time, because every write ends it.
+//! The file of a record. It can be read at any time, because every write adds an end.
 //!
-//! Some readers refuse a record without an end, and a record that is being written has none. So each write adds an end
+//! Some readers refuse a record without an end, and a record that is being written has no end. So each write adds an end
 //! after the present data, and the next write replaces this end. Source: the MCAP format specification,
 //! <https://mcap.dev/spec>: Data End, Footer and Magic.
 

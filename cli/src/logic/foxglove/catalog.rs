@@ -169,7 +169,7 @@ impl Catalog {
     }
 }
 
-/// Returns the name as a record has it; with the deployment in front if another one has it.
+/// Returns the name as in a record. If another deployment has the same name, the deployment comes before it.
 fn name(wanted: &str, deployment: Option<&Deployment>, is_taken: impl Fn(&str) -> bool) -> String {
     if !is_taken(wanted) {
         return wanted.to_owned();

@@ -1,9 +1,10 @@
 //! The handshake of a WebSocket, and the rules for clients that may connect.
 //!
-//! A browser lets every page of every site open a WebSocket to this machine. It says in `Origin` which page does, so only pages of
-//! a list may. A name of another site that is pointed at this machine has another `Host`. The
-//! system reports the user id of each program on this machine. A program with another user id may
-//! connect only with the key of the link. Source: RFC 6455, sections 4.2 and 10.2.
+//! A browser lets every page of every site open a WebSocket to this machine. The browser names the
+//! page in `Origin`, so only pages of a list may connect. A name of another site that is pointed at
+//! this machine has another `Host`. The system reports the user id of each program on this machine.
+//! A program with another user id may connect only with the key of the link. Source: RFC 6455,
+//! sections 4.2 and 10.2.
 
 use super::protocol::PROTOCOLS;
 use crate::logic::http::{self, Head, Status, is_equal};

@@ -38,7 +38,7 @@ struct Output {
 pub(super) struct Published {
     pub(super) channel: u32,
     pub(super) payload: Vec<u8>,
-    /// How many earlier values have not come here.
+    /// How many earlier values have not arrived here.
     pub(super) lost: u64,
 }
 

@@ -38,7 +38,7 @@ pub(super) struct NewValue<'a> {
     pub(super) topic: &'a Arc<str>,
     /// When it arrived; without it, it was never stored.
     pub(super) arrived: Option<Time>,
-    /// How many earlier values have not come here.
+    /// How many earlier values have not arrived here.
     pub(super) lost: u64,
 }
 

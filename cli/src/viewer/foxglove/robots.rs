@@ -184,7 +184,7 @@ impl Robots {
         }
     }
 
-    /// Looks for programs, and hears what clients want. Without a client, nothing is asked or heard.
+    /// Looks for programs, and receives the requests of clients. Without a client, nothing is asked or heard.
     pub(super) fn follow(&mut self, live: &Live, model: &Model, hub: &mut Hub) {
         while let Some(ended) = self.tasks.try_join_next() {
             if let Err(error) = ended

@@ -244,7 +244,7 @@ impl DataSession {
     }
 }
 
-/// Returns the message, and its sender if a gate knows it; none if the gate refuses it.
+/// Returns the message, and its sender if a gate knows the sender. None if the gate refuses the message.
 fn admit(
     gate: Option<&CallGate>,
     content: Content,

@@ -108,9 +108,9 @@ impl Outlet {
         Self { end }
     }
 
-    /// Sends a value to the consumer; returns whether the consumer is connected. It never waits. If
-    /// there is no room for a value, the value is lost, and the consumer counts it. Values over all
-    /// wires of one program arrive in the order of these calls, except simultaneous calls.
+    /// Sends a value to the consumer; returns whether the consumer is connected. It never waits. A
+    /// value that finds no room is lost, and the consumer counts it. Values over all wires of one
+    /// program arrive in the order of these calls, except simultaneous calls.
     pub fn send(&self, parcel: &mut Parcel<'_>, number: u32) -> bool {
         let header = self.end.header(number);
         self.end.with(|connection| connection.value(header, parcel, &self.end.memory))

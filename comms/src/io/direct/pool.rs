@@ -1,5 +1,5 @@
-//! The shared buffers of one output. Each value lies in one buffer for all consumers on this host, until all of them
-//! have released it.
+//! The shared buffers of one output. Each value is in one buffer for all consumers on this host,
+//! until all consumers have released it.
 
 use super::memory::{Buffer, Filler};
 use std::collections::BTreeMap;

@@ -178,7 +178,7 @@ impl Server {
         self.strangers.push_back(Stranger::new(stream, now() + HELLO_WITHIN));
     }
 
-    /// Accepts the consumers that have introduced themselves. Drops those that cannot do so, or did not in time.
+    /// Accepts the consumers that have introduced themselves. Drops connections that cannot do this, or did not do it in time.
     fn hear(&mut self, ready: &[PollFlags]) {
         let (now, has_keys) = (now(), self.shared.has_keys.swap(false, Ordering::AcqRel));
         for (stranger, ready) in std::mem::take(&mut self.strangers).into_iter().zip(ready) {

@@ -409,8 +409,8 @@ impl Drop for Replies {
         if self.state == Stream::Ended && self.incoming.end().is_some() {
             return;
         }
-        // The server does not have to keep answers without a reader. If this message is lost, the server drops them later
-        // by itself.
+        // The server does not have to keep answers without a reader. If this message is lost, the
+        // server later drops the answers by itself.
         let Ok(leave) = codec::encode(&Pull::Leave { stream: self.stream.clone() }) else { return };
         let leaving = self.session.get(&self.server).attachment(leave).congestion_control(CongestionControl::Drop);
         if let Err(error) = leaving.timeout(LEAVE_TIMEOUT).callback(drop).wait() {

@@ -1,4 +1,4 @@
-//! The only place that opens zenoh, and the only one that uses its `internal` interface. It opens a session on a separate
+//! The only place that opens zenoh, and the only place that uses the `internal` interface of zenoh. It opens a session on a separate
 //! runtime, which can dial a peer at any time.
 
 mod keeper;

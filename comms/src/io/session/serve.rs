@@ -33,7 +33,7 @@ const REQUESTS_MAX: usize = 256;
 const STREAMS_MAX: usize = 256;
 /// How long a stream is kept while its caller asks for nothing: a person may be reading in a pager.
 const IDLE_MAX: Duration = Duration::from_secs(600);
-/// How long such a stream is kept at least, even if there are too many streams.
+/// The shortest time for which such a stream is kept, even if there are too many streams.
 const IDLE_MIN: Duration = Duration::from_secs(20);
 
 /// Receives the calls to a key until it is dropped.

@@ -121,7 +121,7 @@ pub struct LockUser {
     open: BTreeMap<u64, u64>,
     inputs: Vec<ClientInput>,
     lost: Option<Denied>,
-    /// The holder when this user was last told to wait. Empty if there was no holder.
+    /// The holder when this user was last told to wait. Empty without a holder.
     holder: String,
 }
 
@@ -182,8 +182,8 @@ impl LockUser {
         self.client.is_wanted()
     }
 
-    /// Returns the name of the holder when this user was last told to wait; empty if there was none, or the user was
-    /// never told.
+    /// Returns the name of the holder when this user was last told to wait. Empty without a holder,
+    /// or if the user was never told to wait.
     pub fn holder(&self) -> &str {
         &self.holder
     }

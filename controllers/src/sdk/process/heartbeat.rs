@@ -41,8 +41,8 @@ impl Heartbeat {
         self.state.store((round + 1) << 2 | spends as u64, Ordering::Release);
     }
 
-    /// Returns the sign of life to be sent now; none if the loop calculates and has not moved since `before`, the state
-    /// at the last check. Updates `before`.
+    /// Returns the sign of life to send now. None if the loop calculates, and has not moved since
+    /// `before`, the state at the last check. Updates `before`.
     fn sign(&self, before: &mut Option<u64>) -> Option<String> {
         let state = self.state.load(Ordering::Acquire);
         let moved = before.replace(state) != Some(state);

@@ -21,7 +21,7 @@ pub(super) struct Taps {
 struct Tap {
     output: String,
     publisher: Publisher,
-    /// How many values have left the output. Inside a group, the group counts them.
+    /// How many values have left the output. Inside a group, the group counts these values.
     number: u64,
 }
 

@@ -21,7 +21,7 @@ use std::time::Duration;
 
 /// The time limit for a producer on the same host to accept a consumer. After this the wire uses zenoh.
 const DIRECT_WITHIN: Duration = Duration::from_secs(2);
-/// The longest time for an answer to a consumer that fetches: as long as a silent link is kept.
+/// The longest time for an answer to a consumer that fetches. It is equal to the time for which a silent link is kept.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 /// How many questions of one wire may be in transit.
 const ASKED_MAX: usize = 8;

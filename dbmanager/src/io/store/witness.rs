@@ -31,7 +31,7 @@ const SIZE_MAX: usize = 4096;
 pub enum Trust {
     /// The store was just made, or was never written to.
     New,
-    /// The store is the one that was last open here.
+    /// The store is the store that was last open here.
     Kept,
     /// The store may be a copy: [`Replica::open_copied`](crate::logic::replica::Replica::open_copied).
     Doubtful(Doubt),

@@ -157,7 +157,8 @@ impl Replica {
         self
     }
 
-    /// Returns whether the keys of the team permit this robot to retire an origin: one of its own, or one whose key is revoked.
+    /// Returns whether the keys of the team permit this robot to retire an origin: the origin is its own, or the key of
+    /// the origin is revoked.
     pub fn may_retire(&self, origin: ReplicaId) -> bool {
         self.ledger.authors.may_retire(origin, self.ledger.contents())
     }

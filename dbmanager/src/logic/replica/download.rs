@@ -190,7 +190,7 @@ impl Download {
         (self.since, self.until, self.tries) = (now, now + self.wait, 0);
     }
 
-    /// Prepares to request the missing chunks again, one at a time, since none has come.
+    /// Prepares to request the missing chunks again, one at a time, because no chunk has arrived.
     fn again(&mut self, now: Time) {
         self.tries += 1;
         self.until = now + (self.wait * (1 << self.tries.min(CHUNK_TRIES_MAX))).min(CHUNK_WAIT_MAX);

@@ -101,7 +101,7 @@ fn gives_way(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> bool {
     members.active().all(|(origin, _)| origin == me) && rank(from, &hello.sponsors) < rank(me, &members.sponsors(me))
 }
 
-/// Returns the actions by which a member leaves its team for that of a peer, which it asks first.
+/// Returns the actions by which a member leaves its team, and joins the team of a peer. The member first asks the peer.
 pub(super) fn join(ledger: &Ledger, peer: ReplicaId) -> Vec<Action> {
     let is_other = ledger.is_member() && !ledger.contents().members().is_active(peer);
     if is_other { vec![Action::Rejoin { twice: false }, Action::Ahead] } else { Vec::new() }

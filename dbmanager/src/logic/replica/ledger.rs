@@ -184,7 +184,7 @@ impl Ledger {
                 }
                 Err(NotTaken::Codec(CodecError::Format { format })) => {
                     effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    // This replica cannot tell who wrote the transaction, so only its origin itself may send it.
+                    // This replica cannot find out the author of the transaction, so it accepts the transaction only from its origin.
                     let is_theirs = encoded.split().is_ok_and(|(header, _)| header.stamp.origin == from);
                     missing |= self.authors.notary().is_some() && !is_theirs || !self.buffer(&encoded);
                 }
@@ -403,7 +403,7 @@ impl Ledger {
         self.pipeline.move_to(joining);
         let mut names = BTreeMap::new();
         let Some(arrivals) = arrivals else { return names };
-        // The first transaction has the sponsor's version vector as its context, so the others do not have to repeat it.
+        // The first transaction has the sponsor's version vector as its context, so the later transactions do not have to repeat it.
         self.commit_system(now, Change::system("come back", Vec::new()), effects);
         for (from, rest) in arrivals.rests {
             let name = self.commit_again(now, rest, effects);

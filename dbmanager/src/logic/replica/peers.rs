@@ -1,5 +1,5 @@
-//! The peer table: which peers may have more than this replica, when each may be asked, and when this replica announces its state to
-//! others.
+//! The peer table: which peers may have more data than this replica, when each peer may be asked,
+//! and when this replica announces its state to other replicas.
 //!
 //! *Rule.* A pull without an answer in time ([`Pace::wait`]) is over. The peer is then not asked for a while, which is four times as long
 //! after each silence, up to 12.8 s. The size of a request follows the speed of the link, so that on a slow link neither answers nor urgent

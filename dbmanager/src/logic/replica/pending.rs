@@ -88,7 +88,8 @@ impl PendingTxns {
         true
     }
 
-    /// Takes out all buffered transactions, to try them. They count as buffered until [`PendingTxns::keep`] gets the rest.
+    /// Takes out all buffered transactions, to try them. The transactions are treated as buffered until
+    /// [`PendingTxns::keep`] gets the rest.
     pub(super) fn take(&mut self) -> BTreeMap<u64, (Dot, EncodedTxn)> {
         std::mem::take(&mut self.txns)
     }

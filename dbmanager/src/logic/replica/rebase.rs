@@ -1,7 +1,7 @@
 //! Commits the transactions of a rejoining replica again, under its new origin.
 //!
-//! *Rule.* Rebased are the transactions that the old state and log have, that the new ones lack, and that no member rebases
-//! itself. These are the replica's own transactions, and those of origins that are not members. [`merge`] finds them, and
+//! *Rule.* A transaction is rebased if the old state and log have it, the new state and log lack it, and no member rebases
+//! it. These are the replica's own transactions, and those of origins that are not members. [`merge`] finds them, and
 //! explains why nothing is lost or hidden. This module turns them into changes, which the replica commits under the admitted
 //! origin.
 //!
@@ -72,7 +72,7 @@ fn side(contents: &Contents) -> Side<'_> {
     Side { state: contents.state(), log: contents.log(), members: contents.members() }
 }
 
-/// Returns the origins that have used numbers twice, as far as the logs show, and the own origins that were given up for this.
+/// Returns the origins that have used numbers twice according to the logs, and the own origins that were given up for this reason.
 /// Each has the number up to which both logs have the same transactions.
 fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
     let other = |(origin, head): (&ReplicaId, &Head)| {
@@ -82,7 +82,7 @@ fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
     let mut forked: Forked = new.heads().iter().filter_map(other).collect();
     let past = me.past().iter().filter(|past| past.known_by_peers < u64::MAX);
     for Past { origin, known_by_peers, twice, .. } in past {
-        // A replica that knows less of its own transactions than others do was set back.
+        // If a replica knows fewer of its own transactions than other replicas know, its store was set back.
         let behind = old.vector().get(*origin) < new.vector().get(*origin);
         if *twice || behind || forked.contains_key(origin) {
             forked.insert(*origin, *known_by_peers);

@@ -254,7 +254,7 @@ impl Past<'_> {
 }
 
 impl Granted {
-    /// Returns whether the transaction has seen one with these names, as far as is known.
+    /// Returns whether, as far as is known, the transaction has seen a transaction with one of these names.
     fn saw(&self, names: &BTreeSet<Dot>, stamp: Timestamp) -> bool {
         self.seen.as_ref().map_or(stamp < self.stamp, |seen| names.iter().any(|dot| seen.contains(*dot)))
     }

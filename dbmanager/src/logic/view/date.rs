@@ -47,9 +47,10 @@ pub fn zone(minutes: i64) -> String {
     if minutes == 0 { "UTC".to_owned() } else { format!("UTC{}", offset(minutes)) }
 }
 
-/// Reads a moment, as milliseconds since 1970; in local time unless the text has an offset. Accepted are `5 min ago`,
-/// `14:03` (the last one), `yesterday`, `yesterday 14:03`, or a TOML date, such as `2026-11-21`, `2026-11-21 10:00:02` or
-/// `2026-11-21T12:00:02+02:00`. A day without a time means its midnight.
+/// Reads a moment, as milliseconds since 1970; in local time unless the text has an offset. Accepts
+/// `5 min ago`, `14:03` (the last time it was 14:03), `yesterday`, `yesterday 14:03`, or a TOML
+/// date, such as `2026-11-21`, `2026-11-21 10:00:02` or `2026-11-21T12:00:02+02:00`. A day without
+/// a time means its midnight.
 pub fn parse(text: &str, now: u64, ahead: Ahead) -> Option<u64> {
     let text = text.trim();
     if let Some(span) = text.strip_suffix("ago") {

@@ -242,8 +242,8 @@ impl Past<'_> {
         named(origin).or_else(rebased).unwrap_or_else(|| origin.to_string())
     }
 
-    /// Visits each kept transaction in the order of application, with the version vector that it had seen. `heads` are the
-    /// last transactions before the kept ones.
+    /// Visits each kept transaction in the order of application, with the version vector that it
+    /// had seen. `heads` are the last transactions before the kept transactions.
     pub(super) fn walk(&self, heads: &BTreeMap<ReplicaId, Head>, mut visit: impl FnMut(&Txn, &VersionVector)) {
         let mut contexts: BTreeMap<ReplicaId, VersionVector> =
             heads.iter().map(|(origin, head)| (*origin, head.context.clone())).collect();

@@ -33,7 +33,7 @@ pub(super) fn target(reader: &mut ActivityReader<'_, '_>, asking: &Node) -> Opti
     Some(Target::States(vec![state]))
 }
 
-/// Reads the answers of a question. Each answer is a transition, and the deadline is another one.
+/// Reads the answers of a question. Each answer is a transition, and so is the deadline.
 pub(super) fn read(reader: &mut ActivityReader<'_, '_>, asking: &Node) {
     let (Some(state), Some(text)) = (state_of(reader, asking), asking.token(Text)) else { return };
     let number = reader.heard.questions.len();

@@ -73,7 +73,7 @@ struct Acquisition<'a> {
 pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnostics: &mut Diagnostics) {
     let mut all = Vec::new();
     taken(actions, members, &mut Vec::new(), &mut all);
-    // Each `using` is compared with each other one.
+    // Each `using` is compared with every other `using`.
     all.truncate(TAKEN_MAX);
     for service in all.iter().filter(|taken| taken.is_service) {
         let shared =

@@ -1,4 +1,4 @@
-//! Checks instances whose program another deployment runs. Some features are not allowed for them.
+//! Checks instances whose program another deployment runs. Some features are not allowed for such processes.
 
 use super::tree::Tree;
 use crate::check::diagnostics::Diagnostics;

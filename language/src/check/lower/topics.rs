@@ -62,7 +62,7 @@ impl Topics {
             let port = route.port();
             let Some(bridge) = self.place(leaf.host, route, span) else { continue };
             let own = &mut self.bridges[bridge];
-            // A bridge outlives the loss of other hosts as long as any of its partners does.
+            // A bridge continues after the loss of other hosts while at least one of its partners continues.
             if own.link_loss == LinkLoss::Leave {
                 own.link_loss = policy.link_loss;
             }

@@ -25,7 +25,7 @@ pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
         let Some(actions) = process.actions.as_ref().filter(|_| !process.damage.actions) else { continue };
         let mut runs = Vec::new();
         collect(actions, holds_here, &mut Vec::new(), &mut runs);
-        // Each run is compared with each other one.
+        // Each run is compared with every other run.
         runs.truncate(RUNS_MAX);
         for run in &runs {
             let Target::Process(target) = process.instances[run.slot].target else { continue };

@@ -187,7 +187,7 @@ impl Spec {
         one.name.text == other.name.text && kinds.is_some_and(|(one, other)| self.is_same(one, other))
     }
 
-    /// Returns whether a parameter or field may be left out, because it has a default, or all of its fields have one.
+    /// Returns whether a parameter or field may be left out, because it has a default, or because all its fields have a default.
     pub(crate) fn is_optional(&self, param: &Param) -> bool {
         let shape = param.kind.as_ref().map(|kind| self.shape(kind));
         let has_all =

@@ -1,4 +1,4 @@
-//! Programs that overlap with those whose place they take: each is a leaf of its own, and its connections are wires of their own.
+//! Programs that overlap with the programs that they replace. Each is a separate leaf, and its connections are separate wires.
 
 use super::pairing::Pairing;
 use super::{BTreeMap, BTreeSet, Leaf, Numbers, Plan, PlanChange, Replacement, leaf, text};

@@ -8,8 +8,9 @@ use seccompiler::{
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The program may not write, make or remove anything there, nor in the folders of control groups: a process that can
-/// move itself to another group has no limits. Each other folder of the root is left as it is.
+/// The program may not write, make or remove anything there. The same applies to the folders of
+/// control groups, because a process that can move itself to another group has no limits. Each
+/// other folder of the root stays unchanged.
 const OF_THE_SYSTEM: [&str; 9] = ["bin", "boot", "etc", "lib", "lib32", "lib64", "libx32", "sbin", "usr"];
 /// The handled rights: to write, make, remove, move and cut files. Source: landlock(7), ABI 3, Linux 6.2; earlier
 /// kernels handle a part of them.

@@ -163,7 +163,7 @@ fn end_strays(group: &Path, shims: &[i32]) {
     }
 }
 
-/// Returns the processes in a control group that neither are among `roots` nor descend from them. `roots` chooses from
+/// Returns the processes in a control group that are not in `roots` and do not descend from these. `roots` chooses from
 /// the members of the group. The group is read twice: while processes are listed, a process may change its parent and
 /// seem to have none.
 fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<Process> {

@@ -24,7 +24,7 @@ pub enum Inherited {
 }
 
 impl Inherited {
-    /// Returns whether a program has a variable of its node, as the node or the module of the program wants it.
+    /// Returns whether a program inherits a variable of its node, because the node or the module of the program says so.
     fn has(&self, name: &str, environment: &Environment) -> bool {
         if USUAL.contains(&name) {
             return true;

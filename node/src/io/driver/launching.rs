@@ -126,7 +126,7 @@ impl Driver {
     /// Tells a program that is back how many of its notices are here, and every order after the first `taken`.
     ///
     /// # Errors
-    /// The program is of another version, has missed more than is kept, or does not take its orders: for a person.
+    /// The program has another version, has missed more orders than are kept, or does not accept its orders. The text is for a person.
     pub(super) fn resume(
         &self,
         process: &ProcessId,

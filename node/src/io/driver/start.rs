@@ -115,7 +115,7 @@ fn siblings(config: &Config) -> anyhow::Result<Vec<String>> {
     Ok(others.map(|(_, socket)| format!("unixsock-stream/{}", socket.display())).collect())
 }
 
-/// Returns whether the node that listens on a socket of this machine is in the same team, or in no team like this one. A node
+/// Returns whether the node that listens on a socket of this machine is in the same team, or, like this node, in no team. A node
 /// writes that down before it looks for others. So if two nodes start at once, one of them sees the other.
 fn is_of_team(config: &Config, socket: &Path) -> bool {
     file::bytes(&socket.with_file_name(TEAM), TEAM_MAX).is_ok_and(|other| other == team(config).as_bytes())

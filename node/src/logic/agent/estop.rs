@@ -80,7 +80,7 @@ impl Stopped {
         self.writes.0 == self.writes.1
     }
 
-    /// Takes note of the work that may go on of a deployment that is over, for the callers that wait.
+    /// Takes note of work that may continue after the end of a deployment, for the callers that wait.
     pub(super) fn note_open(&mut self, deployment: &Deployment, may_go_on: Vec<String>) {
         if !self.waiting.is_empty() {
             self.open.extend(may_go_on.iter().map(|what| format!("{deployment} {what}")));

@@ -117,7 +117,7 @@ pub enum Input {
     Configured {
         /// The program.
         process: ProcessId,
-        /// Each parameter with its value as a spec spells it, or nothing if the value of the spec counts again.
+        /// Each parameter with its value as a spec spells it, or nothing if the value of the spec is valid again.
         parameters: Vec<(String, Option<String>)>,
     },
     /// The answer to [`Effect::FindPrograms`].

@@ -1,10 +1,11 @@
 //! Another node of this one's name: two robots that were set up alike, or two parts of a network that meet after a cut.
 //!
-//! Neither node takes on anything while both are there, since it would be unclear which of them is meant. Each tells
-//! the other once a second which deployments it runs. If a deployment runs on both nodes, one
-//! instance is kept: the instance with the higher epoch. If the epochs are equal, it is the
-//! instance whose home is reachable from its node, otherwise the instance on the node that was
-//! there first. The other instance is ended at once, at its home as preempted.
+//! Neither node takes on anything while both are there, since it would be unclear which of them is
+//! meant. Once a second, each of the two nodes tells the other which deployments it runs. If a
+//! deployment runs on both nodes, one instance is kept: the instance with the higher epoch. If the
+//! epochs are equal, it is the instance whose home is reachable from its node, otherwise the
+//! instance on the node that was there first. The other instance is ended at once, at its home as
+//! preempted.
 
 use super::peers::Peers;
 use crate::logic::effect::{Effect, Out};

@@ -151,8 +151,8 @@ impl Past {
         self.unended.iter().for_each(|(other, left)| names.devices.extend(left.claims.names(other)));
     }
 
-    /// Takes note that nothing is left of a program which could not be ended with its deployment. After the last such program,
-    /// returns the home, which is to be told.
+    /// Takes note that nothing is left of a program which could not be ended with its deployment.
+    /// After the last such program, returns the home, which must be informed.
     pub(super) fn program_ended(&mut self, process: &ProcessId) -> Option<String> {
         let left = self.unended.get_mut(&process.deployment)?;
         left.leaves.remove(&process.leaf);

@@ -35,7 +35,7 @@ impl Promises {
         self.0.values_mut().for_each(|promises| promises.retain(is_other));
     }
 
-    /// Takes note that the disk of this host has forgotten a deployment, or why it has not, and sends the answers that wait for that.
+    /// Takes note that the deployment was removed from the disk of this host, or why this failed. Sends the answers that wait for this.
     pub(super) fn unkept(
         &mut self,
         deployment: &Deployment,

@@ -11,7 +11,7 @@ use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::State;
 use std::collections::BTreeSet;
 
-/// The state on the disk, used as long as the state in memory is ahead of it.
+/// The state on the disk. It is used while the state in memory is newer.
 #[derive(Clone, Debug)]
 pub struct Durable {
     state: State,

@@ -96,7 +96,7 @@ impl<'a> Readable<'a> {
         }
     }
 
-    /// Returns the transactions of this copy that the named robot has as well, as far as is known here.
+    /// Returns the transactions of this copy that, as far as this replica knows, the named robot also has.
     fn known_on(&self, robot: &str) -> Result<VersionVector, AsOfError> {
         let named = self.replica.members().active().filter(|(_, name)| *name == robot).map(|(origin, _)| origin);
         let origins: Vec<ReplicaId> = named.collect();

@@ -126,7 +126,7 @@ pub enum AsOf {
     Version(VersionVector),
     /// A date, in milliseconds since 1970.
     Date(u64),
-    /// The transactions of this copy that the named robot has as well, as far as is known here.
+    /// The transactions of this copy that, as far as this replica knows, the named robot also has.
     On(String),
 }
 

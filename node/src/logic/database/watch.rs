@@ -1,4 +1,4 @@
-//! The watchers of a database. Each watcher gets every change once, and a slow watcher does not delay the others.
+//! The watchers of a database. Each watcher gets every change once, and a slow watcher does not delay other watchers.
 
 use super::Effect;
 use super::question::Reply;

@@ -311,7 +311,7 @@ impl Executer {
         self.outside.news.open.extract_if(.., |place, _| !open.contains(place)).map(|(_, asked)| asked).collect()
     }
 
-    /// Gives numbers to the questions that have none, and tells them.
+    /// Gives numbers to the questions without a number, and shows these questions to people.
     fn ask_questions(&mut self, chart: &StateChart, context: ExecContext<'_>, out: &mut Out<'_>) {
         for place in self.open_questions(chart) {
             let news = &mut self.outside.news;

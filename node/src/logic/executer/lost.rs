@@ -44,8 +44,8 @@ impl Executer {
         });
         self.fences.lose(host, theirs);
         self.activate_ready(context, out);
-        // All members of the host fail because of the one loss, including those that the group would stop after the
-        // first failure.
+        // All members of the host fail because of this loss, including members that the group would
+        // stop after the first failure.
         let is_stopping = |slot: u32| self.state.activity(slot) == Activity::Stopping;
         let lost: Vec<(MemberRef, bool)> = self.members.activations().map(|run| (run, is_stopping(run.slot))).collect();
         // An activity gets the event of the loss before its members fail because of it.

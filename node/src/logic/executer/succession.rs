@@ -1,4 +1,4 @@
-//! Members whose next program takes the place of the present one while both are there.
+//! Members whose next program replaces the present program while both programs run.
 //!
 //! ```text
 //! rewire ─the next ones get the activations─▶ pending ─all of them run─▶ a switch ─taken─▶ the ones before are stopped
@@ -35,7 +35,7 @@ pub(super) struct Succession {
 /// A program whose place another one has taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Succeeded {
-    /// It, and the one in its place.
+    /// The program, and the program that replaces it.
     old: u32,
     new: u32,
     /// Its activation.

@@ -25,7 +25,7 @@ pub(super) struct Supervised {
 /// The reaction of a group to a restart.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// It bears the restart.
+    /// The group tolerates the restart.
     Bears,
     /// It stops everything, and aborts with this cause.
     Escalates(FailureCause),

@@ -61,7 +61,7 @@ struct Switch {
     counted: Counted,
     /// The slot whose sets a person wants, and the call that is answered.
     asked: Option<(u32, u64)>,
-    /// Programs whose places others take by it.
+    /// Programs that this switch replaces by other programs.
     succeeded: Vec<Succeeded>,
     /// Closed wires whose end no consumer waits for.
     unheard: BTreeSet<u32>,

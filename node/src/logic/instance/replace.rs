@@ -3,7 +3,7 @@
 //! The program is asked to leave. When nothing of it is left, the next program is started as after a restart: it gets
 //! the links and the activation of its predecessor. A new program is unhealthy if it dies, cannot make its links or
 //! aborts during its probation. A service is also unhealthy if it ends. Then the predecessor is started again in its
-//! place. The supervisor of the program is told nothing of all this.
+//! place. The supervisor of the program gets no report of these steps.
 
 use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage, watchdog};
 use crate::logic::effect::SpawnOrder;

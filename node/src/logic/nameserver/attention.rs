@@ -2,10 +2,10 @@
 //!
 //! An idle network is quiet: a node asks all others only every [`QUIET_EVERY`], and expects no answer from them in
 //! between. It asks the nodes that matter now each second. These are the *close* nodes, on which a deployment here
-//! depends; doubtful nodes; nodes that have just come; and all nodes while a user looks. The silence of a host counts
-//! from the question to it. So a host that becomes close is missing as soon as if it had always been close. A host that
-//! is seldom asked is missing at the latest [`SILENCE_MAX`](super::SILENCE_MAX) after the next question to all. If a
-//! link is lost, its token vanishes as well, so its host is asked at once.
+//! depends; doubtful nodes; nodes that have just come; and all nodes while a user looks. The silence of a host is
+//! measured from the question to it. So a host that becomes close is missing as soon as if it had always been close.
+//! A host that is seldom asked is missing at the latest [`SILENCE_MAX`](super::SILENCE_MAX) after the next question
+//! to all. If a link is lost, its token vanishes as well, so its host is asked at once.
 
 use super::{ASK_EVERY, ASKED_MAX, Boot, NameServer, ROUNDS_MAX, Round};
 use comms::logic::time::Time;

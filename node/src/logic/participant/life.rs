@@ -145,8 +145,8 @@ impl Participant {
         self.activations.starts_at()
     }
 
-    /// Activates what has waited, if the moment has come. This node may have been suspended, or killed and started
-    /// again, at that moment: if it is too late, its home is told.
+    /// Activates the processes that have waited, if the time of the start has come. This node may have been suspended,
+    /// or killed and started again, at that moment: if it is too late, its home is told.
     pub(super) fn begin_together(&mut self, late_min: Duration, out: &mut Out<'_>) {
         let Some(by) = self.activations.begin(out.now) else { return };
         if by >= late_min {
@@ -291,7 +291,7 @@ impl Participant {
             let (device, by) = wanted.first_conflict(&theirs)?;
             Some(FailureCause::DeviceHeld { device: device.to_owned(), by: by.to_owned() })
         };
-        // The process refuses its own unended program by itself.
+        // If the program of the process itself has not ended, the process refuses to begin by itself.
         let others = self.processes.unconfirmed().into_iter().filter(|other| *other != leaf);
         let Some(cause) = others.into_iter().find_map(holder) else { return false };
         let origin = self.site.path(leaf).unwrap_or_default().to_owned();
@@ -546,7 +546,7 @@ impl Participant {
         self.processes.open_work(&self.site)
     }
 
-    /// Returns whether it comes to its end here.
+    /// Returns whether this part ends here.
     pub fn is_leaving(&self) -> bool {
         self.phase == Phase::Leaving
     }

@@ -1,14 +1,14 @@
 //! The links of this host's programs: made before GO, opened and closed by supervisors, and made again for a program that
 //! was started again.
 //!
-//! Such a program has a new address. It dials its sources as it did at first. Programs that dial it
+//! Such a program has a new address. It dials its sources again. Programs that dial it
 //! get its new address: on its own host from the node, on other hosts by a message from here. Its
 //! home has no part in that. Other hosts report their own programs, and the home reports all
 //! programs. These reports may arrive in any order: the report of a program's own host is used.
 //!
-//! An order of a supervisor has a ticket until it is confirmed: in `switching` until each producer has opened or closed its
-//! wires, in `expecting` until the consumer has taken its values. A program that is gone confirms nothing and is not waited
-//! for.
+//! An order of a supervisor has a ticket until it is confirmed. The ticket is in `switching` until
+//! each producer has opened or closed its wires, and in `expecting` until the consumer has taken
+//! its values. A program that is gone confirms nothing and is not waited for.
 
 use super::processes::Processes;
 use super::site::Site;

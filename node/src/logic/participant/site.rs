@@ -210,7 +210,7 @@ impl Site {
             None if target == Target::Group(0) => {
                 self.tell_home(ToCoordinator::MainEnded { ending }, out);
             }
-            // It was taken away, and no caller waits for it.
+            // The process was removed, and no caller waits for it.
             None => {}
         }
     }

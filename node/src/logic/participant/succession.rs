@@ -1,4 +1,4 @@
-//! Programs of this host that take the place of others while both are there.
+//! Programs of this host that replace other programs while both programs run.
 //!
 //! The change starts and links the next program as if it were added. Then its supervisor has it take over the
 //! activation of its predecessor, which keeps running in the meantime. Once it runs, the supervisor hands the

@@ -305,7 +305,7 @@ pub enum ToParticipant {
         group: u32,
         /// The message or the notice.
         told: ActivityInput,
-        /// The user who gives it; nothing if a node has noticed it.
+        /// The user who gives the order. Nothing if a node has noticed the event itself.
         by: Option<String>,
         /// The call that waits for [`ToCoordinator::Answered`]; nothing if no user waits.
         call: Option<u64>,

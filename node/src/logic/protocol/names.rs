@@ -34,7 +34,7 @@ pub struct DeviceName {
     pub device: String,
     /// The deployment of the holder.
     pub deployment: Deployment,
-    /// Absolute path of the holder. If there are several readers, that of one of them.
+    /// Absolute path of the holder. If there are several readers, the type of one reader.
     pub path: String,
     /// Whether the device is held exclusively.
     pub is_exclusive: bool,

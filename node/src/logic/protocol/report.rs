@@ -109,7 +109,7 @@ pub enum Report {
         /// The time from GO to this moment.
         #[serde(with = "comms::logic::human::seconds")]
         lead: Duration,
-        /// The longest possible time between the begins of two of these programs, as far as the clocks of their hosts cause it.
+        /// The largest possible time between the starts of two of these programs that the clocks of their hosts can cause.
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },

@@ -82,7 +82,7 @@ impl Arrivals {
         Self { conversion, depth: depth.max(1), waiting, senders, counts }
     }
 
-    /// Takes a message in parts. The oldest that waits gives way to it.
+    /// Takes a message in parts. The oldest waiting message is dropped for it.
     ///
     /// # Errors
     /// It is not passed on.

@@ -143,8 +143,8 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
             let mut links = lock(links);
             let place = links.kept.get(&session).cloned().filter(|_| !links.standing.contains(&session));
             if place.is_none() {
-                // Under the same lock: if the link is lost from here on, the keeper is told, and must not find a dial in
-                // progress.
+                // Under the same lock, because from here on the keeper is told if the link is lost,
+                // and must not find a dial in progress.
                 links.dialling.remove(&session);
             }
             place

@@ -7,7 +7,7 @@ use comms::logic::signals::{LOST_VALUES, OVERRUNS, REFUSED_VALUES, Signal};
 pub(super) struct Tally {
     /// Missed deadlines.
     pub(super) overruns: u64,
-    /// Values that were sent to inputs, and have not come.
+    /// Values that were sent to inputs, but have not arrived.
     pub(super) lost: u64,
     /// Values that inputs have refused, because a number in them was not finite.
     pub(super) refused: u64,

@@ -1,4 +1,4 @@
-//! The operands of `,`, `#` and `&`, of which some may come and go while others run.
+//! The operands of `,`, `#` and `&`. Some operands may be added or removed while others run.
 
 use super::alike::sets;
 use super::{Carrying, Misfit};
