@@ -60,8 +60,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(difference) = difference(&run.header.plan, &loaded.plan) {
         if loaded.lacks_interfaces {
             return Err(anyhow!(
-                "the spec names modules whose interface is not known here, so it cannot be compared with the record: name the \
-                 programs that offer them with `--controllers PROGRAM` ({difference})"
+                "cannot compare the spec with the record, because the interfaces of some modules are not known here: name the programs of \
+                 these modules with `--controllers PROGRAM` ({difference})"
             )
             .into());
         }
@@ -121,7 +121,7 @@ impl Recorded {
         } else if let Some(lacks) = run.lacks() {
             format!("{lacks}; supervisors send their steps in batches, the last with the end of their group")
         } else {
-            "the nodes were of a version that does not record steps".to_owned()
+            "the version of the nodes does not record steps".to_owned()
         }
     }
 

@@ -248,8 +248,11 @@ pub(crate) fn in_words(outcome: &Outcome) -> String {
             left + &but_unwritten(there.unwritten.as_deref())
         }
         Outcome::Released(was_stopped, unwritten) => {
-            let words =
-                if *was_stopped { "released: programs may begin again" } else { "was not stopped: programs may begin" };
+            let words = if *was_stopped {
+                "released: programs may begin again"
+            } else {
+                "was not stopped before: programs may begin"
+            };
             words.to_owned() + &but_unwritten(unwritten.as_deref())
         }
         Outcome::Refused(why) | Outcome::Unknown(why) => why.clone(),

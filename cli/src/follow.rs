@@ -382,7 +382,7 @@ impl Watch {
         self.display.finish(&self.mission, &files, &mut self.output)?;
         match self.mission.verdict().map(|verdict| &verdict.outcome) {
             Some(Outcome::Done) => {
-                kept.map_err(|why| why.context("the mission is done, but not all of it is kept").into())
+                kept.map_err(|why| why.context("the mission is done, but its record or report is not complete").into())
             }
             Some(Outcome::Refused(reasons)) if is_unreached(reasons) => Err(Failure::ReportedUnreachable),
             _ => Err(Failure::Reported),
@@ -403,7 +403,7 @@ async fn twice([one, other]: [&mut Signal; 2], count: &mut u32) {
         *count += 1;
         if *count == 1 {
             console::note(
-                "stopping everything as soon as the mission is heard again; press Ctrl-C again to leave without waiting",
+                "the mission will be stopped as soon as its home answers again; press Ctrl-C again to leave without waiting",
             );
         }
     }

@@ -25,7 +25,7 @@ use tokio::task::JoinSet;
 /// The arguments of `dca list`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A process, or one name of it: [DEPLOYMENT:]INSTANCE[.NAME], of its path the end is enough [default: all]
+    /// A process, or one name of it: [DEPLOYMENT:]INSTANCE[.NAME], the last part of its path is enough [default: all]
     #[arg(value_parser = ShownName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: Option<ShownName>,
     /// Print an array of JSON, one object for each name

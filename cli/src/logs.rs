@@ -24,7 +24,7 @@ const RECORDS_MAX: usize = 20;
 /// The arguments of `dca logs`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The process: [DEPLOYMENT:]INSTANCE, of its path the end is enough; without it or with `DEPLOYMENT:`, the processes are
+    /// The process: [DEPLOYMENT:]INSTANCE, the last part of its path is enough; without it or with `DEPLOYMENT:`, the processes are
     /// listed
     #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     process: Option<ProcessName>,

@@ -210,7 +210,7 @@ impl Sdk {
         let built = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
         let here = std::env::current_dir().ok();
         let above_here = here.iter().flat_map(|here| here.ancestors());
-        let none = || anyhow!("there is no clone of DCA around `dca`: say where one is, `--sdk=DIR` or `--python=DIR`");
+        let none = || anyhow!("no clone of DCA was found near `dca`; name a clone with `--sdk=DIR` or `--python=DIR`");
         Ok(above_program.chain(built).chain(above_here).find_map(Self::at).ok_or_else(none)?)
     }
 

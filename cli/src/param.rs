@@ -50,7 +50,7 @@ enum Verb {
 /// The arguments of `dca param list`.
 #[derive(Debug, clap::Args)]
 struct List {
-    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough [default: all]
+    /// A program: [DEPLOYMENT:]INSTANCE, the last part of its path is enough [default: all]
     #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: Option<ProcessName>,
     #[command(flatten)]

@@ -148,7 +148,8 @@ fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path
             if counts.lost > 0 {
                 let lost = counted(counts.lost, "value");
                 console::note(&format!(
-                    "warning: {path}.{output}: {lost} cannot be played: the record does not have all of it, or it is of another type"
+                    "warning: {path}.{output}: {lost} cannot be played: the record does not have the complete values, or they have \
+                     another type"
                 ));
             }
         }

@@ -134,7 +134,7 @@ async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
         } else if found.silent.is_empty() {
             let (word, type_name) = (wanted.word, wanted.type_name);
             console::note(&format!(
-                "no program that runs shows a {word}: it exports a state of the type `{type_name}`"
+                "no running program shows a {word}; to show one, a program exports a state of the type `{type_name}`"
             ));
         }
         if !found.silent.is_empty() {

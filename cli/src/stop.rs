@@ -167,7 +167,7 @@ async fn forget(clients: &Clients, name: &DeploymentName) -> Result<(), Failure>
     }
     if ends.is_empty() {
         return Err(anyhow!(
-            "every host has confirmed that nothing of `{name}` is left, as far as nodes that answer know"
+            "according to the nodes that answer, every host has confirmed that nothing of `{name}` is left"
         )
         .into());
     }
@@ -283,7 +283,7 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
             }
             if clock::now() - heard > SILENT_MAX {
                 return Err(Failure::Unreachable(why.context(format!(
-                    "`{home}`, the home of `{name}`, does not answer, and may not have heard that it is to stop; `dca stop {name} \
+                    "`{home}`, the home of `{name}`, does not answer, and may not have received the stop; `dca stop {name} \
                      --away {home}` makes the other nodes pass the stop on when the home answers again"
                 ))));
             }

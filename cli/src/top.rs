@@ -59,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         drop(taken);
         tokio::select! {
             () = finish(&mut orders) => {}
-            () = leave.asked() => console::note("left before the result of an order: it may have been carried out"),
+            () = leave.asked() => console::note("left before the result of an order arrived: the order may have been carried out"),
         }
         orders.shutdown().await;
         live.close().await;

@@ -258,7 +258,7 @@ def forward(angles: Six):
 
 
 @dca.task(
-    "Presses a lever handle down until it yields, giving way sideways.",
+    "Presses a lever handle down until it yields, and gives way to forces from the side.",
     every="20 ms",
     triggered_by="ft/state",
     remembers=True,

@@ -51,7 +51,7 @@ impl Diff {
                 (changes(&self.database, Question::Diff { from, to, prefix: self.prefix })?, "nothing has changed")
             }
             _ => {
-                let why = "a prefix is compared with another prefix, and a moment with another moment; `--prefix` limits the keys";
+                let why = "compare a prefix with a prefix, or a time with a time; `--prefix` limits the keys";
                 return Err(Failure::Usage(anyhow!(why)));
             }
         };

@@ -19,8 +19,7 @@ use std::path::{Path, PathBuf};
 const FILE_MAX: usize = 256 << 20;
 
 /// The kinds of lines of a transaction.
-const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`; a key with blanks \
-                     stands in quotes";
+const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`; put a key with blanks into quotes";
 
 /// The arguments of `dca db export`.
 #[derive(Debug, clap::Args)]
@@ -116,7 +115,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
     let (key, value) = key_and_rest(rest.trim())?;
     let key = Key::new(key)?;
     if verb != "require" && writes.iter().any(|write| write.key == key) {
-        bail!("`{key}` is written by an earlier line; a transaction writes a key once");
+        bail!("`{key}` is written by an earlier line; a transaction can write a key only once");
     }
     match (verb, value) {
         ("put", "") => bail!("the value is missing"),

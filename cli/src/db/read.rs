@@ -38,7 +38,9 @@ impl Get {
         }
         if differ(&versions) {
             let (key, count) = (&self.key, versions.len());
-            console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
+            console::note(&format!(
+                "note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}` lists them"
+            ));
         }
         let readers = Readers::of(&self.database);
         if self.database.json {

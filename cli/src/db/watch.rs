@@ -121,7 +121,7 @@ impl Watch {
         let lines = table::history(entry, Span::All, &|datum| readers.text(datum), clock::minutes_ahead);
         lines.lines().skip(1).for_each(console::say);
         for key in &event.conflicts {
-            console::note(&format!("note: `{key}` has concurrent writes; `dca db conflicts {key}`"));
+            console::note(&format!("note: `{key}` has concurrent writes; `dca db conflicts {key}` lists them"));
         }
         Ok(())
     }

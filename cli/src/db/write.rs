@@ -75,7 +75,7 @@ impl Put {
             Datum::from_json(&value).context("reading the value")?
         } else {
             written(key.as_str(), &value).with_context(|| {
-                format!("reading the value (`--text` takes it as a text: `dca db put {key} --text '{value}'`)")
+                format!("cannot read the value; to write it as a text, use `dca db put {key} --text '{value}'`")
             })?
         };
         self.commit.commit(vec![], vec![Write { key, value: Some(datum.encode()?) }])
@@ -231,8 +231,8 @@ impl CommitArgs {
                 Err(anyhow!("`{owner}` reports that only `{other}` may write these keys; nothing was written").into())
             }
             Err(Failure::Unreachable(_)) => Err(Failure::Unreachable(anyhow!(
-                "`{owner}`, the owner of these keys, has not answered. It is not known whether the write was done; look with \
-             `dca db get` when the owner is back"
+                "`{owner}`, the owner of these keys, has not answered. The write may have been done; check with `dca db get` when the \
+                 owner answers again"
             ))),
             Err(failure) => Err(failure),
         }

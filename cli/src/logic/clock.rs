@@ -90,10 +90,12 @@ impl HostClock {
                 .push(format!("warning: the clock of `{host}` shows a date that cannot be right: it was never set"));
         } else if ahead.abs() > error_max + WRONG_FROM {
             let (way, by) = (if *ahead > 0.0 { "ahead of" } else { "behind" }, seconds(ahead.abs()));
-            warnings.push(format!("warning: the clock of `{host}` is {by} {way} the clock here: one of them is wrong"));
+            warnings.push(format!(
+                "warning: the clock of `{host}` is {by} {way} the clock of this machine: one of the clocks is wrong"
+            ));
         }
         if !steady {
-            warnings.push(format!("warning: the clock of `{host}` or the clock here was set while it was asked"));
+            warnings.push(format!("warning: the clock of `{host}` or of this machine was set during the comparison"));
         }
         warnings
     }

@@ -262,7 +262,7 @@ impl Top {
         };
         let place = usize::from(u8::try_from(digit).unwrap_or(b'1') - b'1');
         let Some(option) = question.question.options.get(place).cloned() else {
-            self.say(&format!("the answers end before {digit}"));
+            self.say(&format!("the question has no answer {digit}"));
             return None;
         };
         let (mission, path) = (question.mission.clone(), question.path.to_owned());

@@ -220,7 +220,7 @@ impl Server {
         let (start, end) = (super::position::number(start), super::position::number(end));
         let edit = FileEdit { file: spec.name.clone(), start, end, text };
         (fixed != spec.text).then(|| CodeAction {
-            title: "apply every fix that leaves no other reading".to_owned(),
+            title: "apply every fix that is the only possible correction".to_owned(),
             kind: Some(CodeActionKind::from("source.fixAll.dca".to_owned())),
             edit: Some(convert::workspace_edit(vec![edit], &self.workspace, &self.client)),
             ..CodeAction::default()
@@ -255,7 +255,7 @@ impl Server {
     fn formatting(&mut self, params: &DocumentFormattingParams) -> Result<Option<Vec<TextEdit>>, Refusal> {
         let encoding = self.client.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
-        let damaged = |_: Vec<Diagnostic>| Refusal::failed("a text that cannot be read is not changed");
+        let damaged = |_: Vec<Diagnostic>| Refusal::failed("a text with syntax errors is not formatted");
         let formatted = format(analysis.spec()).map_err(damaged)?;
         if formatted == document.text {
             return Ok(Some(Vec::new()));

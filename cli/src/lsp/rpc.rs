@@ -81,7 +81,7 @@ fn body(input: &mut impl BufRead, length: u64) -> io::Result<Message> {
         Ok(Body { id: None, method: Some(method), params }) => Message::Notification { method, params },
         Ok(Body { id: Some(_), method: None, .. }) => Message::Response,
         Ok(Body { id: None, method: None, .. }) => Message::Malformed("a message without a method".to_owned()),
-        Err(error) => Message::Malformed(format!("a message that is none: {error}")),
+        Err(error) => Message::Malformed(format!("a malformed message: {error}")),
     })
 }
 

@@ -106,7 +106,7 @@ impl DoorArgs {
         let listeners = self.listen().await?;
         let addresses = listeners.iter().map(TcpListener::local_addr).collect::<Result<Vec<_>, _>>()?;
         let expires = now().plus(self.minutes * 60);
-        let secret = Zeroizing::new(entropy::bytes().context("asking the system for random bytes")?);
+        let secret = Zeroizing::new(entropy::bytes().context("cannot get random bytes from the system")?);
         let team = bundle.team().clone();
         let founds = !bundle.has_nodes();
         let invite = Invite { team: team.id(), secret, expires, addresses: addresses.clone(), founds };

@@ -83,7 +83,7 @@ impl UserArgs {
         before.into_iter().for_each(|note| console::note(&note));
         match self.verb {
             UserVerb::Add(_) => {
-                console::note("Give the user what `dca team export` prints: `dca team import` takes it there.");
+                console::note("Give the output of `dca team export` to the user. The user runs `dca team import` with it.");
                 Ok(())
             }
             UserVerb::Remove(_) => revoke::tell(keys, &keyring, &bundle),
@@ -104,7 +104,10 @@ impl Add {
         ensure_usable(bundle, &id)?;
         let mut same_name = bundle.named(&self.name).filter(|known| !bundle.has_revoked(&known.subject()));
         if same_name.any(|known| known.subject() != id) {
-            bail!("there is another `{0}`; `dca team user remove {0}` revokes that key", self.name);
+            bail!(
+                "the team already has a user `{0}` with another key; `dca team user remove {0}` revokes that key",
+                self.name
+            );
         }
         Ok(())
     }
@@ -171,7 +174,7 @@ impl Remove {
         let mut named = bundle.named(&self.name).peekable();
         ensure!(named.peek().is_some(), "the team has no user `{}`", self.name);
         let is_robot = bundle.named(&self.name).any(|known| known.kind() == Kind::Node);
-        ensure!(!is_robot, "`{0}` is a robot: `dca team revoke {0}`", self.name);
+        ensure!(!is_robot, "`{0}` is a robot, not a user; to revoke it, run `dca team revoke {0}`", self.name);
         let is_left = named.any(|known| known.kind() == Kind::User && !bundle.has_revoked(&known.subject()));
         ensure!(is_left, "`{}` is revoked already", self.name);
         revoke::ensure_other_admin(bundle, &self.name, self.last_admin)

@@ -212,8 +212,8 @@ impl Controller for Puma560Ctrl {
     const TYPE: &'static str = "Puma560Ctrl";
 
     fn about() -> About {
-        About::service("Moves the joints of the Puma 560 as told, under its lock where that is connected, and tells where they are; when it stops, it \
-            takes the load off the hand.")
+        About::service("Moves the joints of the Puma 560 with the received rates, under the lock of the arm if it is connected, and sends \
+                        their angles; at a stop, takes the load off the hand.")
             .with(PARAMETERS)
             .every(Duration::from_millis(10))
             .triggered_by("In")
@@ -281,7 +281,7 @@ impl Controller for Puma560Joints {
     const TYPE: &'static str = "Puma560Joints";
 
     fn about() -> About {
-        About::service("Tells where the joints of the Puma 560 are.")
+        About::service("Sends the joint angles of the Puma 560.")
             .every(Duration::from_millis(50))
             .triggered_by("arm/state")
     }
@@ -352,7 +352,7 @@ impl Controller for Puma560 {
 
     fn about() -> About {
         About::service(
-            "Moves the hand of the Puma 560 as told, with the arm alone, under its lock where that is connected.",
+            "Moves the hand of the Puma 560 with the received velocity, only with the arm, under the lock of the arm if it is connected.",
         )
         .with(PARAMETERS)
         .every(Duration::from_millis(10))

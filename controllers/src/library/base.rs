@@ -97,7 +97,7 @@ impl Controller for Xr4000Ctrl {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[PRIORITY];
         About::service(
-            "Moves the XR4000 base as told, under its lock where that is connected; ends when its bumper is pressed.",
+            "Moves the XR4000 base with the received velocity, under its lock if it is connected; ends when the bumper is pressed.",
         )
         .with(PARAMETERS)
         .every(Duration::from_millis(10))
@@ -179,12 +179,14 @@ impl Controller for Xr4000Odometry {
     fn about() -> About {
         const PARAMETERS: &[Parameter] =
             &[Parameter::new("wheel_radius", Kind::Quantity(Quantity::Length, 0.01, 0.5)).or("0.055")];
-        About::service("Tells where the XR4000 is, by dead reckoning from its casters with wheels of a radius [m].")
-            .remembers()
-            .with(PARAMETERS)
-            .every(Duration::from_millis(50))
-            .triggered_by("base/state")
-            .signals_every(Duration::from_millis(100))
+        About::service(
+            "Sends the position of the XR4000, by dead reckoning from its casters with wheels of a radius [m].",
+        )
+        .remembers()
+        .with(PARAMETERS)
+        .every(Duration::from_millis(50))
+        .triggered_by("base/state")
+        .signals_every(Duration::from_millis(100))
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {

@@ -81,7 +81,7 @@ impl Controller for CompliantCtrl {
     const TYPE: &'static str = "CompliantCtrl";
 
     fn about() -> About {
-        About::service("Moves the hand the way it is pushed, except where another law leads it.")
+        About::service("Moves the hand in the direction in which it is pushed, except in directions in which another law leads it.")
             .every(Duration::from_millis(20))
             .triggered_by("In1")
             .signals_every(Duration::from_millis(100))

@@ -62,7 +62,7 @@ impl Controller for LaserSensor {
     const TYPE: &'static str = "LaserSensor";
 
     fn about() -> About {
-        About::service("Tells what the laser sees.").every(Duration::from_millis(100)).triggered_by("laser/state")
+        About::service("Sends the sweeps of the laser.").every(Duration::from_millis(100)).triggered_by("laser/state")
     }
 
     fn new(_: &Arguments) -> Result<Self, String> {
@@ -160,8 +160,8 @@ impl Controller for DistanceThreshold {
             CALIBRATION[1],
         ];
         About::task(
-            "Ends when the hand has come to rest near the wall ahead [m], leaving the distance; it has come to rest in the \
-            image of a camera with a focal length [px] at a stand-off [m], too.",
+            "Ends when the hand is at rest near the wall ahead [m], and leaves the distance. The hand must also be at rest in the image \
+             of a camera with a focal length [px] at a stand-off [m].",
         )
             .every(Duration::from_millis(100))
             .triggered_by("In")

@@ -61,7 +61,7 @@ impl Controller for ForceTorque {
             Parameter::new("threshold", Kind::Quantity(Quantity::Force, 0.0, 200.0)).or("0"),
         ];
         About::service(
-            "Tells the wrench on the hand, forces below a threshold [N] as none; \"zero\" first zeroes the sensor.",
+            "Sends the wrench on the hand, and zero for forces below a threshold [N]; \"zero\" first zeroes the sensor.",
         )
         // The process remembers that the sensor is zeroed: a hand that holds an object is not free.
         .remembers()
@@ -153,7 +153,7 @@ impl Controller for ForceSensor {
     const TYPE: &'static str = "ForceSensor";
 
     fn about() -> About {
-        About::service("Sets the force sensor to zero, then tells the wrench on the hand.")
+        About::service("Sets the force sensor to zero, and then sends the wrench on the hand.")
             .remembers()
             .every(Duration::from_millis(50))
             .triggered_by("ft/state")
@@ -249,8 +249,8 @@ impl Controller for ForceThreshold {
             Parameter::new("forget", Kind::Quantity(Quantity::Time, 0.0, 60.0)).or("0"),
         ];
         About::task(
-            "Ends when a force exceeds a threshold [N] and its own noise, leaving it; forces that stay are forgotten after \
-            some time [s], unless that is 0.",
+            "Ends when a force exceeds a threshold [N] and its own noise, and leaves the force. A force that stays is ignored after some \
+             time [s], unless this time is 0.",
         )
         // The process remembers the force and the noise of the free hand.
         .remembers()

@@ -40,7 +40,7 @@ impl Controller for ConfigCtrl {
     const TYPE: &'static str = "ConfigCtrl";
 
     fn about() -> About {
-        About::service("Keeps the arm's posture as far as the hand does not notice, so that the base carries the arm.")
+        About::service("Keeps the arm's posture without a motion of the hand, so that the base carries the arm.")
             .remembers()
             .every(Duration::from_millis(20))
             .triggered_by("In")
@@ -91,7 +91,7 @@ impl Controller for AddVelocity {
     const TYPE: &'static str = "AddVelocity";
 
     fn about() -> About {
-        About::service("Adds velocities; one that has fallen silent counts as zero.")
+        About::service("Adds velocities; an input without new values is treated as zero.")
             .every(Duration::from_millis(10))
             .triggered_by("In1")
     }

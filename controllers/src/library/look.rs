@@ -44,7 +44,8 @@ impl Controller for LookAround {
 
     fn about() -> About {
         About::task(
-            "Moves the hand back and turns it to both sides until its camera sees the whole lever; at once if it does.",
+            "Moves the hand back, and turns it to both sides until its camera sees the whole lever. Ends at once if the camera already \
+             sees it.",
         )
         .remembers()
         .every(Duration::from_millis(20))

@@ -228,8 +228,8 @@ impl Controller for ModelBasedCtrl {
             Parameter::new("radius_max", Kind::Quantity(Quantity::Length, 0.3, 3.0)).or("1.5"),
         ];
         About::task(
-            "Opens a door to an angle [rad] about its hinge, first guessed at a radius [m]: pulls, pushes, or finds out which; \
-            ends only if it holds the handle.",
+            "Opens a door to an angle [rad] about its hinge, which it first assumes at a radius [m]. Pulls, pushes, or finds out the \
+             direction; ends only if it holds the handle.",
         )
             .remembers()
             .every(Duration::from_millis(20))

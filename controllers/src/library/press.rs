@@ -61,7 +61,7 @@ impl Controller for PressHandle {
     fn about() -> About {
         const PARAMETERS: &[Parameter] =
             &[Parameter::new("width_min", Kind::Quantity(Quantity::Length, 0.001, 0.2)).or("0.006")];
-        About::task("Presses a lever handle down until it yields, giving way sideways.")
+        About::task("Presses a lever handle down until it yields, and gives way to forces from the side.")
             .remembers()
             .every(Duration::from_millis(20))
             .triggered_by("ft/state")

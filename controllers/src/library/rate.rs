@@ -49,7 +49,9 @@ impl Controller for RateSource {
 
     fn about() -> About {
         const BALLAST: &[Parameter] = &[Parameter::new("ballast", Kind::Quantity(Quantity::Size, 0.0, 1e6)).or("0")];
-        About::service("Sends a numbered beat every 10 ms, with so many bytes of ballast.").every(PERIOD).with(BALLAST)
+        About::service("Sends a numbered beat every 10 ms, with this number of extra bytes.")
+            .every(PERIOD)
+            .with(BALLAST)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
@@ -117,7 +119,8 @@ impl Controller for RateMonitor {
     const TYPE: &'static str = "RateMonitor";
 
     fn about() -> About {
-        About::service("Tells how steadily beats arrive: how many, how many were lost, the largest gap between two.")
+        About::service("Reports how steadily beats arrive: the number of beats, the number of lost beats, and the largest gap between two \
+                        beats.")
             .every(PERIOD)
             .triggered_by("In")
             .signals_every(WINDOW)

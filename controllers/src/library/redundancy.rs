@@ -49,10 +49,12 @@ impl Controller for RedundancyResolution {
     const TYPE: &'static str = "RedundancyResolution";
 
     fn about() -> About {
-        About::service("Shares the velocity of the hand out to base and arm; without a command both come to rest.")
-            .every(Duration::from_millis(10))
-            .triggered_by("In")
-            .signals_every(Duration::from_millis(100))
+        About::service(
+            "Divides the velocity of the hand between base and arm; without a command, base and arm come to rest.",
+        )
+        .every(Duration::from_millis(10))
+        .triggered_by("In")
+        .signals_every(Duration::from_millis(100))
     }
 
     fn new(_: &Arguments) -> Result<Self, String> {

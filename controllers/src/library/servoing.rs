@@ -61,8 +61,8 @@ impl Controller for VisualServoing {
 
     fn about() -> About {
         About::service(
-            "Brings the hand before the lever by what its camera, of a focal length [px], sees, and keeps it there with the \
-            camera at a stand-off [m].",
+            "Brings the hand in front of the lever with the image of its camera of a focal length [px], and keeps it there with the \
+             camera at a stand-off [m].",
         )
             .every(Duration::from_millis(20))
             .triggered_by("camera/state")
