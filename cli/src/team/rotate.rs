@@ -55,7 +55,9 @@ impl RotateArgs {
                 })?;
                 let until = date::text(until.0.saturating_mul(1000));
                 console::say(&format!("{} is {role} until {until}; key: {}", self.name, key.id().fingerprint()));
-                console::note("Give the output of `dca team export` to the user. The user runs `dca team import` with it.");
+                console::note(
+                    "Give the output of `dca team export` to the user. The user runs `dca team import` with it.",
+                );
             }
             (Kind::Node, Some(_)) => {
                 return Err(

@@ -83,7 +83,9 @@ impl UserArgs {
         before.into_iter().for_each(|note| console::note(&note));
         match self.verb {
             UserVerb::Add(_) => {
-                console::note("Give the output of `dca team export` to the user. The user runs `dca team import` with it.");
+                console::note(
+                    "Give the output of `dca team export` to the user. The user runs `dca team import` with it.",
+                );
                 Ok(())
             }
             UserVerb::Remove(_) => revoke::tell(keys, &keyring, &bundle),
