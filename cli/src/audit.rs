@@ -155,7 +155,7 @@ impl Signed {
             };
             let mut of_log = heads.into_iter().filter(|(_, head)| head.position().log == log).peekable();
             ensure!(!is_named || of_log.peek().is_some(), "`{}` has no signed head of this log", path.display());
-            // The same head may be in two files: that of its signer, and that of the owner of the log.
+            // The same head may be in two files: the file of its signer, and the file of the owner of the log.
             all.extend(of_log.filter(|(_, head)| known.insert(head.to_bytes())));
         }
         Ok(Self(all))

@@ -289,8 +289,9 @@ impl Client {
         Ok(self.look(&[host.to_owned()], FIND_NAMED_WITHIN).await?.contains(host))
     }
 
-    /// Returns the nodes that can be reached: at once if all of `wanted` are present, else after a while. A node also
-    /// counts if only the node of this machine has heard of it: its own announcement may have been lost.
+    /// Returns the nodes that can be reached: at once if all of `wanted` are present, else after a
+    /// while. A node is also included if only the node of this machine knows it, because its own
+    /// announcement may have been lost.
     pub(crate) async fn hosts(&self, wanted: &[String]) -> Result<BTreeSet<String>, Failure> {
         self.look(wanted, FIND_WITHIN).await
     }
@@ -333,10 +334,12 @@ impl Client {
         }
     }
 
-    /// Returns a sentence for each of these hosts that the session has heard but is not linked to.
+    /// Returns a sentence for each of these hosts that has announced itself to the session, but has no link to it.
     pub(crate) fn unlinked(&self, hosts: &[&str]) -> Vec<String> {
         let missing = self.session.unlinked().into_iter().filter(|(who, _)| hosts.contains(&who.as_str()));
-        missing.map(|(who, why)| format!("`{who}` was heard, but the link to it was not established: {why}")).collect()
+        missing
+            .map(|(who, why)| format!("`{who}` has announced itself, but the link to it was not established: {why}"))
+            .collect()
     }
 
     /// Returns the node of this machine that the connection goes through, while the link to this node holds.

@@ -122,7 +122,7 @@ impl Printer<'_> {
             }
             FeedItem::Lost(RobotId { host, .. }, why) => {
                 self.lost.insert(host.clone());
-                self.mark("lost", &host, "is not heard any more", Some(&why))?
+                self.mark("lost", &host, "has stopped answering", Some(&why))?
             }
         };
         Ok((!is_read).then_some(End::Unread))

@@ -278,7 +278,7 @@ pub struct Values {
 }
 
 impl Values {
-    /// Returns the values that the user gives, and those of the project file for all other parameters.
+    /// Returns the values that the user gives, and the values of the project file for all other parameters.
     fn assignments(&self) -> Vec<Assignment> {
         let is_given = |one: &&Assignment| self.assignments.iter().any(|other| other.name == one.name);
         let defaults = self.defaults.iter().filter(|one| !is_given(one));

@@ -259,7 +259,7 @@ impl Live {
         });
     }
 
-    /// Replaces the present connections by those of a new feed.
+    /// Replaces the present connections by the connections of a new feed.
     fn go_on_with(&mut self, feed: Feed) -> Input {
         self.tasks.abort_all();
         // The old queue may contain inputs about connections that are closed now.

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 /// The arguments of `dca new`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The folder, which is made; its name becomes that of the spec and of the program
+    /// The folder, which is made; its name becomes the name of the spec and of the program
     folder: PathBuf,
-    /// Also begin a program with your own controllers; DIR is a clone of DCA [default: the one that `dca` was built in]
+    /// Also begin a program with your own controllers; DIR is a clone of DCA [default: the clone in which `dca` was built]
     #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true)]
     sdk: Option<Option<PathBuf>>,
     /// Also begin controllers in Python and their tests; DIR is a clone of DCA, whose package `dca` they need

@@ -77,7 +77,7 @@ fn away_rows(away: &Absences, there: &BTreeSet<String>) -> Vec<Vec<String>> {
     rows
 }
 
-/// Returns the hosts that do not answer. The time when a host was last heard is null if no node reports it.
+/// Returns the hosts that do not answer. The time of the last message of a host is null if no node reports it.
 fn missing(away: &Absences) -> serde_json::Result<Vec<serde_json::Value>> {
     let silent = away.silent.iter().map(|host| Ok(serde_json::json!({ "host": host, "heard": null, "lost": false })));
     away.hosts.iter().map(serde_json::to_value).chain(silent).collect()

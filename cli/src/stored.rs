@@ -1,5 +1,5 @@
-//! Compares the parameters of a spec with the databases of its robots before the spec runs. Reports which values
-//! replace those of the spec.
+//! Compares the parameters of a spec with the databases of its robots before the spec runs. Reports
+//! which values replace values of the spec.
 
 use crate::client::{Client, words};
 use crate::db::databases::Databases;

@@ -41,8 +41,7 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !screen::is_there() {
         return Err(Failure::Usage(anyhow!(
-            "`dca top` draws on a terminal, and standard input or output is not one that can be drawn on; `dca status --watch` writes \
-             lines instead"
+            "`dca top` needs a terminal as standard input and output; without a terminal, use `dca status --watch`"
         )));
     }
     block_on(async {

@@ -4,8 +4,8 @@
 //! The program is never activated. Values of wires and messages of queues come to its inputs. It
 //! passes the messages to its node, and the node reports the result of each message, because only
 //! the node knows whether the activity runs. For the outputs, the node gives values to the program,
-//! and the program sends them. So the node itself has no data session, and the wires of an activity
-//! are those of any program.
+//! and the program sends them. So the node itself has no data session, and an activity has the same
+//! wires as a program.
 
 use crate::sdk::messaging::{QueueMessage, Receipt, Rejected};
 use crate::sdk::{

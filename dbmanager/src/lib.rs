@@ -1,5 +1,6 @@
-//! A configuration database with a copy on every robot. It can always be written to. It receives the changes of the other
-//! robots as far as the links allow, and reports what it does not know.
+//! A configuration database with a copy on every robot. It can always be written to. It receives
+//! the changes of the other robots as far as the links allow, and reports which changes are
+//! unknown.
 //!
 //! The guarantee is *transactional causal+ consistency*. A transaction becomes visible at each replica as a whole, after
 //! everything that its writer had seen. Replicas that hold the same transactions show the same state. Writes that did not

@@ -1,9 +1,9 @@
 """The robot before its door in MuJoCo, for `MujocoDoor` in plant.py.
 
 `obey` takes the newest command of each device, `advance` goes on to a time, and `answer` returns the states that are due, under the names of
-their devices, and `signals`. Messages are those of controllers/src/message.rs. SI units; the wall is at x = 0, the robot before it, z is up.
+their devices, and `signals`. The messages come from controllers/src/message.rs. SI units; the wall is at x = 0, the robot before it, z is up.
 
-Lengths, masses, limits and rates are those of controllers/src/control and controllers/src/robot. Dynamics, contacts, friction and
+Lengths, masses, limits and rates come from controllers/src/control and controllers/src/robot. Dynamics, contacts, friction and
 the grasp are MuJoCo's: nothing glues the lever to the fingers.
 """
 

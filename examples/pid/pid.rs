@@ -126,8 +126,9 @@ struct Pid {
 }
 
 impl Pid {
-    /// Returns what to do about an error after `dt` seconds. The derivative is that of the measurement, so a new goal
-    /// makes no kick; the integral stands still while the output is at its limit.
+    /// Returns what to do about an error after `dt` seconds. The derivative is the derivative of
+    /// the measurement, so a new goal causes no jump. The integral does not change while the output
+    /// is at its limit.
     fn update(&mut self, goal: f64, measured: f64, dt: f64) -> f64 {
         let error = goal - measured;
         let rate = self.measured.replace(measured).map_or(0.0, |before| (measured - before) / dt);

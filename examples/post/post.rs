@@ -1,5 +1,5 @@
-//! Orders through a queue, and news of them through a router: a clerk who takes the most urgent order first, and
-//! customers who order and hear when their own orders are ready.
+//! Orders through a queue, and news of them through a router: a clerk that takes the most urgent
+//! order first, and customers that order, and are told when their own orders are ready.
 
 use crate::headline;
 use controllers::sdk::messaging::{
@@ -173,7 +173,7 @@ impl Controller for Customer {
                 SendEnd::Deadline | SendEnd::Gone => return Progress::Aborted("the clerk does not answer".to_owned()),
             }
         }
-        // A customer that hears no news yet would miss an order that is ready before.
+        // A customer that does not receive news yet would miss an order that is ready before.
         let hears = match self.user.state() {
             Subscribed::Yes => true,
             // A spec need not connect it.

@@ -314,7 +314,7 @@ class PressHandle:
         return self.equal >= EQUAL_MAX
 
     def stop(self, tick):
-        # The process that moves the hand hears it at once.
+        # The process that moves the hand gets it at once.
         self.Out.send(Velocity())
         return True
 

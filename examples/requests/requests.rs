@@ -1,5 +1,5 @@
-//! Requests over queues: a planner that takes the most urgent question first, and askers that hear each answer in a
-//! queue of their own.
+//! Requests over queues: a planner that takes the most urgent question first, and askers that get
+//! each answer in their own queue.
 
 use crate::headline;
 use controllers::sdk::messaging::{

@@ -1,4 +1,4 @@
-//! A guest that talks to an activity and hears its answers, and a bell whose word may not get lost.
+//! A guest that sends messages to an activity and receives its answers, and a bell whose message may not get lost.
 
 use crate::headline;
 use controllers::sdk::messaging::{Label, QueueClient, QueueMessage, Receipt, SendEnd};

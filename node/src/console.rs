@@ -58,7 +58,7 @@ pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
     parsed_by(T::command())
 }
 
-/// Reads the arguments with a command line that differs from the one of their type.
+/// Reads the arguments with a command line that differs from the command line of their type.
 ///
 /// # Errors
 /// The same as for [`parsed`].

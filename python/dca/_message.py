@@ -1,6 +1,6 @@
 """Message types from dataclasses.
 
-Other programs see a field in the spelling of a spec (second column). Its bytes are those of the Rust type (third column):
+Other programs see a field in the spelling of a spec (second column). It has the bytes of the Rust type (third column):
 
     float               Number          f64
     dca.Force ...       Force           f64

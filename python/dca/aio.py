@@ -54,7 +54,7 @@ class Deployment:
 
 
 class Client:
-    """Sends requests to this machine's node, or with `lan` to those of the local network.
+    """Sends requests to this machine's node, or with `lan` to the nodes of the local network.
 
     `program` is `dca`, by default from `$DCA` or `PATH`.
     """

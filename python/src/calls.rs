@@ -60,7 +60,7 @@ pub(crate) struct CallState {
 #[derive(Debug, Default)]
 struct Held {
     raw: RawCalls,
-    /// The number of activations that have begun. A call of an earlier activation has no answer, whatever its number.
+    /// The number of activations that have begun. A call of an earlier activation has no answer, regardless of its number.
     activation: u64,
     /// The answer of each call that the controller still holds.
     answers: BTreeMap<u64, Option<Result<Vec<u8>, ObjectError>>>,

@@ -262,7 +262,7 @@ impl Watch {
 }
 
 impl Watch {
-    /// Takes the events of this watch, and leaves those of other watches in place. For each taken
+    /// Takes the events of this watch, and leaves the events of other watches. For each taken
     /// event, tells the node that there is room for another event.
     fn take(&self) -> VecDeque<WatchEvent> {
         let mut held = self.of.held();

@@ -1,7 +1,7 @@
 //! The form of a message type: how its bytes become Python values, and Python values become bytes.
 //!
 //! Python describes a form with nested tuples. The first item is the kind: `("number", "Length")`, `("list", ELEMENT,
-//! 3, False)`, `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the same fields. An
+//! 3, False)`, `("record", CLASS, [("x", FORM), ...])`. The bytes are the same as of a Rust type with the same fields. An
 //! optional value has the bytes of a list with at most one element.
 
 use crate::encoded::Encoded;

@@ -1,4 +1,4 @@
-//! Queues, locks and routers of a class, and the clients for those of other processes.
+//! Queues, locks and routers of a class, and the clients for queues, locks and routers of other processes.
 //!
 //! Each is a [`Station`]: it exports a procedure or makes calls, like its counterpart of the kit in Rust. The object of the class has it as
 //! an attribute. Its message type encodes and checks the data; the kit implements the protocol.

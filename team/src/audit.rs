@@ -213,7 +213,7 @@ struct Writer {
     is_torn: bool,
     /// Records that wait, the oldest first.
     waiting: Vec<(UnixTime, AuditEntry)>,
-    /// How many records were left out: first those of actions, then those of refusals.
+    /// How many records were left out: first the records of actions, then the records of refusals.
     lost: [u32; 2],
 }
 

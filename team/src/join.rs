@@ -31,7 +31,7 @@ const WRONG_STAYS: Duration = Duration::from_secs(1);
 /// Joins the team of an invitation, at the first of its addresses that answers.
 ///
 /// # Errors
-/// If no answer comes, a different team from the one in the line answers, or the inviter refuses.
+/// If no answer comes, if another team than the team in the line answers, or if the inviter refuses.
 ///
 /// # Cancellation
 /// The invitation may have been used.

@@ -149,7 +149,7 @@ impl Heads {
     }
 }
 
-/// Returns the index of the least useful head: the one with the least time between its neighbours. The first and the last head are
+/// Returns the index of the least useful head: the head with the shortest time between its neighbours. The first and the last head are
 /// always kept.
 fn crowded(heads: &[Head]) -> usize {
     let between = |place: &usize| heads[place + 1].at().since(heads[place - 1].at());

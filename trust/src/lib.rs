@@ -6,10 +6,10 @@
 //! secrets are sealed with X25519 and XChaCha20-Poly1305, passphrases are hashed with Argon2id, and hashes and derived
 //! keys are BLAKE3. All data that is signed, sent or stored has one canonical form, a version and a longest size.
 //!
-//! A team begins with its key, [`team::Team::found`]. The key signs [`certificate::Certificate`]s of admins, and admins
-//! sign those of nodes and users, for example in the handshake of [`invite`]. A client sends a [`team::Credential`],
-//! which a [`team::Judge`] checks offline. A [`request`] is signed end to end. Members that are no longer trusted are
-//! in [`revocation::Revocations`].
+//! A team begins with its key, [`team::Team::found`]. The key signs [`certificate::Certificate`]s of admins, and
+//! admins sign the certificates of nodes and users, for example in the handshake of [`invite`]. A client sends a
+//! [`team::Credential`], which a [`team::Judge`] checks offline. A [`request`] is signed end to end. Members that are
+//! no longer trusted are in [`revocation::Revocations`].
 //!
 //! ```
 //! use trust::certificate::{Certificate, Claims, DAY};

@@ -69,7 +69,7 @@ pub enum Received {
 }
 
 impl RevokedSet {
-    /// Signs a set. `credential` is that of the signer; none for the team's key.
+    /// Signs a set. `credential` is the credential of the signer. None for the team's key.
     ///
     /// # Errors
     /// If there are too many keys.

@@ -97,7 +97,7 @@ pub struct Chain {
 /// The complete proof of a member's identity: a chain, and the newest renewal with the chain of its renewer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Credential {
-    /// The certificate of the subject and that of its issuer.
+    /// The certificate of the subject, and the certificate of its issuer.
     pub chain: Chain,
     /// The newest renewal, and the chain of its renewer.
     pub renewal: Option<(Renewal, Chain)>,

@@ -424,8 +424,8 @@ fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
     proved(
         asked.stuck,
         match ends {
-            true => "nothing gets stuck: whatever happens, each step that can end goes on to its end",
-            false => "nothing gets stuck: whatever happens, `main` can still end",
+            true => "nothing gets stuck: after every order of events, each step that can end can still reach its end",
+            false => "nothing gets stuck: after every order of events, `main` can still end",
         },
     );
     proved(asked.waits, "no process waits for a resource for ever");

@@ -103,7 +103,7 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
 fn timers(plan: &Plan) -> &'static str {
     let has_activities = plan.groups.iter().any(|group| matches!(group.expression, Expression::Chart(_)));
     match has_activities {
-        true => "timers may run out in any order, but those of one activity in the order of their times",
+        true => "timers may run out in any order, but timers of one activity run out in the order of their times",
         false => "timers may run out in any order",
     }
 }

@@ -24,7 +24,7 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
             let Some((body, limit)) = within(expression) else { return };
             count += 1;
             let Some(least) = times.of(group, source, body).done else { return };
-            // A body with a program takes some time, however short.
+            // A body with a program takes some time, even if it is short.
             if least <= limit && !(limit.is_zero() && takes_time(source, body)) {
                 return;
             }
@@ -63,7 +63,7 @@ fn takes_time(group: &Group, expression: &Expression) -> bool {
     }
 }
 
-/// Returns the story of a limit that passes: that of the `within` with this number in the expression of a group.
+/// Returns the story of a limit that passes: the limit of the `within` with this number in the expression of a group.
 fn passes(model: &Model<'_>, group: u32, within: usize, limits: &Limits<'_>) -> Option<Story> {
     let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
     let system = System::new(model, group as usize, &is_piece);

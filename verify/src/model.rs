@@ -79,7 +79,7 @@ impl<'a> Model<'a> {
         Self::with(plan, sites, WHOLE_MAX)
     }
 
-    /// Keeps each group whole, however large.
+    /// Keeps each group whole, even a large group.
     pub(crate) fn of_groups(plan: &'a Plan, sites: &'a Sites) -> Self {
         Self::with(plan, sites, u64::MAX)
     }
@@ -349,8 +349,8 @@ pub(crate) fn count(expression: &Expression) -> u32 {
     expression.operands().into_iter().map(count).fold(1, u32::saturating_add)
 }
 
-/// Returns the approximate number of configurations of an active expression. The numbers of operands in sequence are added, those
-/// of parallel operands are multiplied.
+/// Returns the approximate number of configurations of an active expression. The numbers of
+/// operands in sequence are added, and the numbers of parallel operands are multiplied.
 fn configurations(expression: &Expression) -> u64 {
     let parts = || expression.operands().into_iter().map(configurations);
     match expression {

@@ -161,7 +161,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
         let done = graph.which(&system, |frame| frame.phase == Phase::Done);
         if !done.contains(&true) {
-            return self.fails("it is never done, whatever happens", Some((&system, &graph, 0)));
+            return self.fails("it is never done in any order of events", Some((&system, &graph, 0)));
         }
         let over = graph.which(&system, |frame| frame.phase.is_over());
         let can = graph.can_reach(&over, &|label| system.is_natural(label));

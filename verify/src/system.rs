@@ -471,7 +471,7 @@ fn all_values(model: &Model<'_>) -> Vec<Value> {
     // The report of this reason is empty, so all other reasons need a number.
     let others = asked.contains(&Failure::Reported).then(|| Failure::other().report());
     for value in asked.into_iter().map(Failure::report).chain(others) {
-        // The bytes of a short text equal those of a tag.
+        // The bytes of a short text are equal to the bytes of a tag.
         if value != Value::EMPTY && !values.contains(&value) {
             values.push(value);
         }

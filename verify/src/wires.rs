@@ -156,7 +156,7 @@ impl<'w, 'a> Watch<'w, 'a> {
         };
         let root =
             outwards(groups[0]).into_iter().find(|outer| groups.iter().all(|own| outwards(*own).contains(outer)))?;
-        // The groups from the innermost one that contains all of them down to each of them, with all their pieces.
+        // The groups on the paths from the innermost group that contains all of these groups down to each of them, with all their pieces.
         let open: BTreeSet<u32> =
             groups.iter().flat_map(|own| outwards(*own).into_iter().take_while(|outer| *outer != root)).collect();
         let is_open = |part: usize| model.parts[part].group == root || open.contains(&model.parts[part].group);

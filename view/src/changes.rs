@@ -52,7 +52,7 @@ pub enum Gone {
 pub struct Changes<'a> {
     /// The position to ask from the next time.
     pub position: Position,
-    /// Whether these are all items of the model: a viewer discards what it had before.
+    /// Whether these are all items of the model. Then a viewer discards its earlier items.
     pub is_whole: bool,
     /// The robots that have changed. A new age alone is not a change.
     pub robots: Vec<&'a Robot>,

@@ -297,7 +297,7 @@ impl LiveDeployment {
         self.phases.contains_key(host) || self.processes.values().any(|process| process.host == host)
     }
 
-    /// Takes in what a host reports.
+    /// Takes in the report of a host.
     pub(crate) fn take(&mut self, look: Look<'_>, part: &DeploymentStatus, moments: Option<&Moments>) -> Taken {
         let mut taken = Taken::default();
         let phase = clean(&part.phase);

@@ -213,7 +213,7 @@ impl Model {
         self.omitted
     }
 
-    /// Returns what has changed since a viewer has looked: everything if the position is of another model, or too old.
+    /// Returns the changes since a viewer has looked. Returns everything if the position belongs to another model, or is too old.
     pub fn since(&self, position: Position) -> Changes<'_> {
         let is_ours = position.model == self.position.model && position.number <= self.position.number;
         let is_whole = !is_ours || self.gone.has_gap_since(position.number);

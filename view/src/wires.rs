@@ -85,7 +85,7 @@ impl Wire {
 }
 
 impl Wires {
-    /// Takes in what a host reports; returns how many wires found no room.
+    /// Takes in the report of a host. Returns how many wires found no room.
     pub(crate) fn take(&mut self, look: Look<'_>, part: &DeploymentStatus) -> u64 {
         let mut omitted = 0;
         for lost in &part.lost {

@@ -42,13 +42,13 @@ pub(crate) enum Mode {
 pub(crate) enum FeedItem {
     /// An event, as the home of its deployment reports it.
     Event(RobotId, Box<Event>),
-    /// All events that the nodes knew when the feed began have been sent, except those of lost nodes.
+    /// All events that the nodes knew when the feed began have been sent, except the events of lost nodes.
     Current,
     /// A node has sent all of its events, and has ended.
     Left(RobotId),
     /// The connection to a node is lost, with the reason.
     Lost(RobotId, String),
-    /// A node that was lost is heard again.
+    /// A node that was lost answers again.
     Back(RobotId),
     /// The nodes that a connection reaches, by its place in [`Feed::clients`].
     Reached(usize, BTreeSet<String>),
@@ -122,7 +122,7 @@ impl Feed {
         Self::resume(connect, mode, BTreeMap::new()).await
     }
 
-    /// Begins like [`Feed::open`], and leaves out the events that an earlier feed has heard.
+    /// Begins like [`Feed::open`], and leaves out the events that an earlier feed has received.
     pub(crate) async fn resume(
         connect: &ConnectArgs,
         mode: Mode,
@@ -303,7 +303,7 @@ impl Feed {
         }
     }
 
-    /// Asks those of these nodes whose events the feed does not receive yet.
+    /// Asks the nodes among these whose events the feed does not receive yet.
     fn found(&mut self, client: usize, hosts: BTreeSet<String>) {
         let Some(asked) = self.clients.get(client) else { return };
         let request = Request::Events { follow: self.mode != Mode::Snapshot };
@@ -353,7 +353,7 @@ impl Feed {
         }
     }
 
-    /// Reports that a home has not heard from some hosts, or from some programs that its node has adopted.
+    /// Reports that a home has no reports of some hosts, or of some programs that its node has adopted.
     fn behind(&mut self, home: &Place, hosts: Vec<String>) {
         for host in hosts {
             let why = if host == home.1 {

@@ -144,8 +144,8 @@ pub(crate) fn bundle(keyring: &Keyring, team: KeyId) -> anyhow::Result<Option<Bu
 }
 
 impl Client {
-    /// Asks a node to start, stop or change something. If the node is in a team, the user signs the request. `epoch` is
-    /// that of the intended deployment; 0 means any epoch.
+    /// Asks a node to start, stop or change something. If the node is in a team, the user signs the
+    /// request. `epoch` is the epoch of the intended deployment; 0 means any epoch.
     pub(crate) async fn order_on(&self, host: &str, request: Request, epoch: u64) -> Result<Answers, Failure> {
         let request = self.signed(host, request, epoch).await?;
         self.ask_on(host, &request)

@@ -1,4 +1,4 @@
-//! The first difference between the plan of a record and that of a spec, in words.
+//! The first difference between the plan of a record and the plan of a spec, in words.
 //!
 //! The whole plan is compared, except the name of the deployment: hosts, programs, arguments, policies and connections.
 //! Processes are found by their paths, so their order in the plan does not matter.

@@ -262,7 +262,7 @@ pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
     }
 }
 
-/// Explains why a database did not do what it was asked for.
+/// Explains why a database did not carry out a request.
 pub(crate) fn refusal(reply: &Reply) -> Failure {
     if let Reply::Refused(why) | Reply::Unmet { why, .. } | Reply::Unknown(why) = reply {
         return anyhow!("{why}").into();

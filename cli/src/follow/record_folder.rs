@@ -52,8 +52,8 @@ pub(super) fn start_record(spec: &Spec, runs: &Path, readers: Readers) -> Result
     Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
 }
 
-/// Completes a record, and makes its page. If the record is not complete, returns the reason. This is an error, whatever the
-/// result of the mission.
+/// Completes a record, and makes its page. If the record is not complete, returns the reason. This
+/// is an error, regardless of the result of the mission.
 pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Result<(), anyhow::Error>) {
     let mut files = Files::default();
     let (record, finished) = (recorder.path().to_owned(), recorder.finish());

@@ -17,7 +17,7 @@ import dca, os
 print(dca.__version__, os.path.dirname(dca.__file__), sep='\\n')
 ";
 
-/// Returns the interpreter of the virtual environment in this folder, or else that of `PATH`. Returns nothing without Python.
+/// Returns the interpreter of the virtual environment in this folder, or else the interpreter of `PATH`. Returns nothing without Python.
 pub(super) fn found() -> Vec<Interpreter> {
     let venv = Path::new(OF_VENV);
     // A dangling link is also treated as an environment: the finding then says what is wrong with the link.

@@ -59,7 +59,7 @@ pub struct Machine {
     pub clock: ClockQuality,
     /// The interfaces on which nodes of other machines can be found.
     pub interfaces: Vec<String>,
-    /// An error says why no node can be heard on the interfaces.
+    /// An error says why no announcement of a node can be received on the interfaces.
     pub discovery: Result<(), String>,
     /// An error says why no port can be listened on.
     pub listening: Result<(), String>,

@@ -1,6 +1,6 @@
 //! `dca view --foxglove` and `dca replay --foxglove`: the protocol of Foxglove, as pure functions and machines.
 //!
-//! The topics and schemas are those of a record. Nothing is fetched from a robot before a client has subscribed to it.
+//! The topics and schemas are the same as in a record. Nothing is fetched from a robot before a client has subscribed to it.
 
 mod catalog;
 mod events;

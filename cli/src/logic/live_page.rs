@@ -27,7 +27,7 @@ pub(crate) fn page(token: &str) -> String {
     PAGE.replace("TOKEN", &super::page::text::escape(token))
 }
 
-/// Returns the style of the page, with that of the lanes of a report.
+/// Returns the style of the page, with the style of the lanes of a report.
 pub(crate) fn style() -> String {
     format!("{STYLE}{}", super::page::LANES)
 }

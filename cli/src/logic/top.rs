@@ -171,13 +171,13 @@ impl Top {
         self.program.as_ref().filter(|_| self.tab == Tab::Output)
     }
 
-    /// Returns the output whose rate is watched: that of the wire under the cursor.
+    /// Returns the output whose rate is watched: the output of the wire under the cursor.
     pub(crate) fn measured(&self, model: &Model) -> Option<ProgramOutput> {
         let (id, _) = (self.tab == Tab::Wires).then(|| self.selected(model))??;
         rows::output_of(model, &id)
     }
 
-    /// Takes a key in; returns what it asks for.
+    /// Handles a key. Returns the requested action.
     pub(crate) fn key(&mut self, model: &Model, key: Key) -> Option<Action> {
         self.message.clear();
         if key == Key::Control('c') {

@@ -1,6 +1,6 @@
 //! A record as a trace of OpenTelemetry: the mission and each activation of a process are spans.
 //!
-//! The form is that of the OTLP file exporter: each line is one `ExportTraceServiceRequest` in JSON. Collectors read
+//! The form is the same as in the OTLP file exporter: each line is one `ExportTraceServiceRequest` in JSON. Collectors read
 //! such lines from a file, or as a POST to `/v1/traces`. The same record always gives the same bytes.
 //! Source: OpenTelemetry Protocol 1.5, JSON Protobuf Encoding; OTLP File Exporter.
 

@@ -19,7 +19,8 @@ use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 use verify::{Alone, Finding, GoesOn, Limits, Repair, Verdict};
 
-/// The most states and bytes of one exploration, and the longest time for everything. These limits are lower than those of `dca verify`.
+/// The most states and bytes of one exploration, and the longest time for everything. These limits are lower than the
+/// limits of `dca verify`.
 const STATES: u32 = 200_000;
 const MEMORY: usize = 256 << 20;
 const TIME: Duration = Duration::from_secs(5);

@@ -53,8 +53,8 @@ pub(super) struct DoorArgs {
     /// For how many minutes the invitation is valid and this command waits
     #[arg(long, value_name = "MINUTES", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=24 * 60))]
     minutes: u64,
-    /// The address of this machine that the robot calls; may be given four times [default: those of its network
-    /// interfaces]
+    /// The address of this machine that the robot calls; may be given four times [default: the
+    /// addresses of its network interfaces]
     #[arg(long = "address", value_name = "IP")]
     addresses: Vec<IpAddr>,
     /// The TCP port for the connection of the robot [default: any free port]

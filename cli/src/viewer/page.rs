@@ -126,7 +126,7 @@ fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = Stri
     }
 }
 
-/// Reads an order of the page. An answer has to be one of those of a question that is open.
+/// Reads an order of the page. An answer has to be an answer of an open question.
 fn action(model: &Model, path: &str, body: &Value) -> Option<Action> {
     match path {
         "/estop" => Some(Action::Estop),

@@ -164,7 +164,7 @@ async fn drawn(shared: &Shared, head: &Head) -> Option<String> {
     drawing.await.ok()
 }
 
-/// Returns whether the browser has closed its connection. The kernel is asked: the runtime may not have heard of the end yet.
+/// Returns whether the browser has closed its connection. The kernel is asked, because the runtime may not have noticed the end yet.
 fn is_left(stream: &TcpStream) -> bool {
     matches!(recv(stream, &mut [0], RecvFlags::PEEK | RecvFlags::DONTWAIT), Ok((_, 0)))
 }

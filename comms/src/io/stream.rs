@@ -13,8 +13,8 @@ use tokio::task::{AbortHandle, JoinSet};
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
 /// Accepts connections for ever, and serves each. At most `serving_max` are served at a time. A further connection
-/// replaces the oldest connection of the address that has the most. So an address with many connections cannot end
-/// those of another address.
+/// replaces the oldest connection of the address that has the most. So an address with many
+/// connections cannot end the connections of another address.
 ///
 /// # Cancellation
 /// All connections end.

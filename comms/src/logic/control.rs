@@ -52,7 +52,7 @@ pub struct Partner {
     pub keys: Vec<u8>,
     /// Whether it runs on the same machine.
     pub is_near: bool,
-    /// Numbers of the wires, including those of calls.
+    /// Numbers of the wires, including the wires of calls.
     pub wires: Vec<u32>,
     /// Devices that one of the two programs owns and the other one uses.
     pub devices: Vec<String>,

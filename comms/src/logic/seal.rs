@@ -84,7 +84,7 @@ pub enum Refusal {
     /// The message has no seal.
     #[error("it is not sealed")]
     Unsealed,
-    /// The message is sealed with another key than that of the wire.
+    /// The message is not sealed with the key of the wire.
     #[error("it is sealed with the key of another program")]
     OtherKey,
     /// The message, or a later one, has already come.

@@ -29,7 +29,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Returns all outputs that can be watched: first those of the program, then those of its members.
+    /// Returns all outputs that can be watched: first the outputs of the program, then the outputs of its members.
     pub fn all(&self) -> impl Iterator<Item = &OutputType> {
         self.outputs.iter().chain(self.inner.iter().map(|inner| &inner.output))
     }

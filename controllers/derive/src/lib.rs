@@ -1,7 +1,8 @@
 //! The derive macros of the SDK: `#[derive(Inputs)]` and `#[derive(Outputs)]` on a struct of ports.
 //!
-//! A proc macro rather than a macro by example: attributes, doc comments and visibility stay what they are in any struct,
-//! and an error points at the field, attribute or word that is wrong. `ports` reads the struct, `expand` writes the code.
+//! A proc macro rather than a macro by example: attributes, doc comments and visibility work as in
+//! any struct, and an error points at the wrong field, attribute or word. `ports` reads the struct,
+//! `expand` writes the code.
 
 mod expand;
 mod ports;

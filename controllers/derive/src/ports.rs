@@ -173,7 +173,7 @@ fn wire(name: &LitStr, option: Option<&Ident>) -> syn::Result<Binding> {
     }
 }
 
-/// A client hears the `state` of a device and speaks to its `cmd`; the owner does the opposite.
+/// A client receives the `state` of a device, and sends to its `cmd`. The owner sends the `state`, and receives the `cmd`.
 fn device(name: &LitStr, option: Option<&Ident>, direction: Direction) -> syn::Result<Binding> {
     let binding = match option {
         None => Binding::Client,

@@ -4,7 +4,7 @@
 //! The impact of the hand grows with its speed, its stiffness and the time until it stops: 7 mm/s and 50 ms are 22 N at
 //! 64 kN/m.
 //!
-//! Source: ours; the braking distance is that of constant deceleration.
+//! Source: ours; the braking distance assumes a constant deceleration.
 
 use super::ramp::towards;
 

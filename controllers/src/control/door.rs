@@ -12,8 +12,9 @@
 //! A hand that pushes a door follows it into the opening, so it cannot stay square to the leaf. As soon as the latch is
 //! free, the hand lets the lever up. Then it turns about the lever as [`super::swivel`] says.
 //!
-//! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]. The law is the one in the
-//! source of [`super::hinge`]: tangential velocity, compliance across, and an estimate during the motion.
+//! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]. The law
+//! comes from the source of [`super::hinge`]: tangential velocity, compliance across, and an
+//! estimate during the motion.
 
 mod attempts;
 mod lean;

@@ -9,9 +9,10 @@
 //!
 //! Two independent measurements have to support the angle that the laser sees, because each of the three may be wrong
 //! alone. The path of the handle since the grasp, by arm and wheels, has to be as long as a leaf needs for this angle.
-//! The same holds for the path along which forces led the hand. If the door has not moved, both paths are too short,
-//! whatever the laser mistakes for its leaf or wall. If the distance between leaf and hand has changed, the leaf has
-//! left the hand, whatever the fingers report.
+//! The same holds for the path along which forces led the hand. If the door has not moved, both
+//! paths are too short, even if the laser mistakes something else for its leaf or wall. If the
+//! distance between leaf and hand has changed, the leaf has left the hand, regardless of the report
+//! of the fingers.
 //!
 //! The angle of a leaf is measured against its wall. When the wall is out of sight, its place comes from the wheels,
 //! which may slip in two ways. The angle that slip can have added is bounded and is subtracted: [`Watch::slip`].

@@ -44,8 +44,8 @@ const SURE: f64 = 4.0;
 const NOISE_SAMPLES: f64 = 60.0;
 /// If the force has been this large (N) and drops below two fifths of its largest value, the lever has given way.
 const DROP_FROM: f64 = 12.0;
-/// A lever at its stop is eased until its force is at most this much above that of its spring (N), at this speed (m/s),
-/// for at most this time (s).
+/// A lever at its stop is eased until its force is at most this much above the force of its spring
+/// (N), at this speed (m/s), for at most this time (s).
 const EASE: f64 = 5.0;
 const EASE_SPEED: f64 = 0.010;
 const EASE_TIME: f64 = 0.6;

@@ -6,7 +6,7 @@
 //! motion within the arm's redundancy is only requested from the base. All lengths are measured from the first position
 //! of the handle, towards the hinge and into the wall.
 //!
-//! Source: ours; the margins are those of `specs/door_through.dca`.
+//! Source: ours; the margins come from `specs/door_through.dca`.
 
 use super::angle::wrapped;
 use super::clearance::BASE_RADIUS;
@@ -95,7 +95,7 @@ impl Swivel {
         let wanted = place(angle - ASKEW.0).clamp(low.min(middle), high.max(middle));
         let share = ((angle - FROM.0) / (FROM.1 - FROM.0)).clamp(0.0, 1.0);
         let reach = ((wanted - hand) / arm.norm().max(0.1)).clamp(-0.9, 0.9);
-        // Of the two angles with the base at its place, this is the one with the base behind the hand.
+        // There are two angles with the base at its place. This is the angle with the base behind the hand.
         let goal = std::f64::consts::PI - reach.asin() - arm.y.atan2(arm.x);
         let goal = share * wrapped(goal);
         let missing = goal.max(angle - ASKEW.1) - turned;

@@ -22,7 +22,7 @@ const SETTLING: Duration = Duration::from_millis(100);
 const LIMIT_MARGIN: f64 = 0.03;
 /// The longest stop. In it the hand lets go of its force.
 const STOP_WITHIN: Duration = Duration::from_millis(3500);
-/// The number of samples in a row with too large a force on the hand that end the motion, whatever moves the arm.
+/// The motion ends after this number of samples in a row with too large a force on the hand, under every law that moves the arm.
 /// Single samples may be wrong.
 const FORCE_IN_A_ROW: u32 = 4;
 /// After a gap this long the drives have stopped by themselves.

@@ -204,10 +204,10 @@ fn refuse(doubt: Doubt) -> Progress {
             "the base was turned, and not by its wheels: it does not see the hinge where it was, and the wall is out of sight"
         }
         Doubt::Way => {
-            "the leaf seems to have turned further than the handle has gone: what the laser sees is not this door's leaf or wall"
+            "the leaf seems to have turned further than the handle has gone: the laser does not see the leaf or wall of this door"
         }
         Doubt::Left => "lost the handle: the leaf is not as far from the hand as when the opening began",
-        Doubt::Hinge => "the hinge estimate is not sane: its radius is not that of a door",
+        Doubt::Hinge => "the hinge estimate is wrong: no door has such a radius",
     };
     Progress::Aborted(reason.to_owned())
 }

@@ -96,7 +96,7 @@ fn refuse(failure: Failure, margin: f64) -> Progress {
             needed.to_degrees()
         ),
         Failure::Narrow(missing, None) => format!(
-            "not wide enough: {:.0} mm are missing for {margin:.0} mm on each side, however far the door is open",
+            "not wide enough: {:.0} mm are missing for {margin:.0} mm on each side, even if the door is opened further",
             1e3 * missing
         ),
         Failure::Unseen => "the laser does not see both sides of the opening".to_owned(),

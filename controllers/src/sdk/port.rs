@@ -99,7 +99,7 @@ impl<T: Message> In<T> {
         self.arrivals.age(now)
     }
 
-    /// Returns the newest value, however old.
+    /// Returns the newest value, even if it is old.
     pub fn latest(&self) -> Option<&T> {
         self.value.as_ref()
     }

@@ -13,8 +13,8 @@
 //! cannot remove a version that its writer never saw.
 //!
 //! *T7, liveness.* Among transactions that are missing here and present at another replica, the first by causality can be applied,
-//! and it is served first. So after one complete pull, the own version vector dominates the one that the other replica had at the
-//! beginning of the pull.
+//! and it is served first. So after one complete pull, the own version vector dominates the version
+//! vector that the other replica had at the beginning of the pull.
 
 use crate::logic::clock::Timestamp;
 use crate::logic::txn::{ChainHash, EncodedTxn, Txn};

@@ -163,7 +163,7 @@ impl Txn {
         Dot { origin: self.stamp.origin, seq: self.seq }
     }
 
-    /// Returns the timestamp that orders the writes: the one of their first life.
+    /// Returns the timestamp that orders the writes: the timestamp of their first life.
     pub fn written(&self) -> Timestamp {
         self.rebase.as_ref().map_or(self.stamp, |rebase| rebase.stamp)
     }

@@ -94,7 +94,7 @@ pub(super) fn node(importer: &mut Importer<'_>, entity: &Entity) -> Result<Progr
     Ok(program)
 }
 
-/// Returns the program of a launch file of a package. The names are those of the package and the file.
+/// Returns the program of a launch file of a package. The names of the package and the file.
 pub(super) fn launch_file(
     importer: &mut Importer<'_>,
     entity: &Entity,
@@ -203,7 +203,7 @@ fn setup(importer: &Importer<'_>) -> Option<String> {
     importer.settings.setup.as_ref().map(|file| format!("setup {};", quoted(file)))
 }
 
-/// Returns the parts of the command line: package, executable, arguments, and those of ROS 2.
+/// Returns the parts of the command line: package, executable, arguments, and arguments of ROS 2.
 fn command_line(
     importer: &mut Importer<'_>,
     entity: &Entity,

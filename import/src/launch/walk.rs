@@ -232,7 +232,7 @@ impl Importer<'_> {
         holds(self, "if", true) && holds(self, "unless", false)
     }
 
-    /// Carries out actions; what they start goes behind `steps`.
+    /// Carries out actions, and adds the processes that they start to `steps`.
     pub(super) fn actions(&mut self, entities: &[Entity], steps: &mut Vec<Step>) -> Result<(), ImportError> {
         for entity in entities {
             self.count(entity, 1)?;

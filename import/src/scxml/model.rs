@@ -114,7 +114,7 @@ impl<'a> Model<'a> {
         Ok(model)
     }
 
-    /// Whether a transition waits for an event, other than those of one state.
+    /// Whether a transition waits for an event, without the transitions of one state.
     pub(super) fn is_awaited(&self, event: &str, besides: Option<Node<'_>>) -> bool {
         let besides = besides.map(number);
         event::stems_of(event)
@@ -157,7 +157,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The elements of a chart, without those of the charts that it invokes.
+/// The elements of a chart, without the elements of the charts that it invokes.
 fn own_elements(root: Node<'_>) -> Vec<Node<'_>> {
     let mut found = Vec::new();
     let mut waiting = vec![root];

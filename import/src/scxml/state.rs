@@ -80,7 +80,7 @@ fn begin(writer: &mut Writer<'_>, node: Node<'_>) -> Result<String, ImportError>
     Ok(format!("{remark}initial state {name} {{ on always -> {}{actions} }}\n", targets.join(", ")))
 }
 
-/// Whether a state is the one that the state around it begins in.
+/// Whether the state around a state begins in this state.
 fn is_first(node: Node<'_>) -> bool {
     let Some(around) = node.parent().filter(|around| tag(*around) != "parallel") else { return false };
     let initial = elements(around).find(|child| tag(*child) == "initial");

@@ -169,8 +169,9 @@ impl Words {
 }
 
 impl Packing {
-    /// Returns the packing of the states of a program. `values` are the values that outcomes may have besides the empty one,
-    /// at most 255; any other is packed as the one with its tag, or as the empty value.
+    /// Returns the packing of the states of a program. `values` are the values, besides the empty
+    /// value, that outcomes may have, at most 255. Any other value is packed as the value with its
+    /// tag, or as the empty value.
     pub fn new(program: &Program, values: &[Value]) -> Self {
         let values: Vec<Value> = std::iter::once(Value::EMPTY).chain(values.iter().take(255).cloned()).collect();
         let (nodes, members, places) = (program.nodes.len(), program.endless.len(), program.usings);

@@ -1,7 +1,7 @@
 //! Resources that a group hands to its members: `search instof Search(c2, arm)`. While such a member runs, the group holds the resource for
 //! it.
 //!
-//! So one supervisor grants a resource, where the resource is declared, whatever hosts its users are on. After this pass, running the
+//! So one supervisor, at the declaration of the resource, grants it to users on all hosts. After this pass, running the
 //! member is `using(arm) search`. Inside, the member divides its resource among its own parts.
 
 mod longer;

@@ -171,7 +171,7 @@ pub(crate) struct Policies {
 #[derive(Clone, Debug)]
 pub(crate) struct RunsIn {
     pub(crate) deployment: String,
-    /// The absolute path of the process there; without it, that of the same name in `main`.
+    /// The absolute path of the process there. The default is the process with the same name in `main`.
     pub(crate) path: Option<String>,
     pub(crate) span: Span,
     /// Whether it has no other policies.

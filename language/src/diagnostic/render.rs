@@ -163,8 +163,8 @@ impl<'a> View<'a> {
     }
 }
 
-/// Returns the bytes of a span. They are limited to the length of the text, because a caller may pass another text than the one that was
-/// checked.
+/// Returns the bytes of a span. They are limited to the length of the text, because a caller may
+/// pass another text than the checked text.
 fn range(span: Span, lines: &Lines<'_>) -> Range<usize> {
     let text = &lines.source().text;
     let mut start = lines.boundary(span.start as usize);

@@ -132,7 +132,7 @@ fn group(unit: &Unit, hosts: &[String]) -> Placed {
     for (place, port) in placed.ports.iter_mut().zip(&unit.ports) {
         place.0 = if port.direction == Direction::In { 0 } else { placed.width };
     }
-    // Lines to the right border end on it, however wide the box has become.
+    // Lines to the right border end on it, even if the box has become wider.
     for (line, link) in placed.lines.iter_mut().zip(&unit.links) {
         if let (None, Some(last)) = (link.to.unit, line.last_mut()) {
             last.0 = placed.width;

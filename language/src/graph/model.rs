@@ -240,7 +240,7 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
             });
             unit.units.len() - 1
         });
-        // A topic that the mission both sends to and hears has a port on each side.
+        // A topic to which the mission both publishes and subscribes has a port on each side.
         let ports = &mut unit.units[slot].ports;
         let port = ports.iter().position(|port| port.direction == direction).unwrap_or_else(|| {
             ports.push(Port { name: topic.endpoint.port.text.clone(), direction, is_used: true });

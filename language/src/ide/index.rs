@@ -34,8 +34,8 @@ pub(super) enum Kind {
     Variable,
     /// A resource that `using` takes, with its process and its index.
     Resource(usize, usize),
-    /// A tag that a process can end with. The same word is always the same outcome, whichever process declares it,
-    /// because a `match` does not distinguish them.
+    /// A tag that a process can end with. The same word is always the same outcome, even if
+    /// different processes declare it, because a `match` does not distinguish them.
     Outcome,
 }
 

@@ -1,4 +1,4 @@
-//! The variables and the folder of a program, in addition to those of every program.
+//! The variables and the folder of a program, in addition to the variables of every program.
 
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};

@@ -10,7 +10,7 @@ pub const BACKOFF_MIN: Duration = Duration::from_millis(10);
 /// The longest pause of a back-off.
 pub const BACKOFF_MAX: Duration = Duration::from_secs(3600);
 
-/// The policies of one leaf; the default is that of a node.
+/// The policies of one leaf. The default value is the default of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Policy {
     /// Whether its program is restarted when it has ended without a request.

@@ -314,10 +314,10 @@ impl StateChart {
         let running = |(number, state): (u32, &ChartState)| state.run.as_ref().map(|_| number);
         let states: Vec<u32> = (0_u32..).zip(&self.chart.states).filter_map(running).collect();
         if !self.runs.iter().map(|run| run.state).eq(states) {
-            return Err(wrong("the runs are not those of the states".to_owned()));
+            return Err(wrong("the runs differ from the runs of the states".to_owned()));
         }
         if self.inputs.len() != self.chart.ports.len() {
-            return Err(wrong("the input ports are not those of the chart".to_owned()));
+            return Err(wrong("the input ports differ from the ports of the chart".to_owned()));
         }
         let counts = [&self.inputs, &self.outputs, &self.signals].map(Vec::len);
         if counts

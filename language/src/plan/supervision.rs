@@ -9,7 +9,7 @@ pub const RESTARTS_MAX: u32 = 1000;
 /// How a group supervises its programs. By default, each program is restarted alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Supervision {
-    /// The programs that are restarted together with the one that has died.
+    /// The programs that are restarted together with the dead program.
     pub strategy: Strategy,
     /// How often programs of the group are started again before the group aborts. Without it only the node's own bound for each
     /// program applies.

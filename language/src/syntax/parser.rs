@@ -1,8 +1,8 @@
 //! Tokens to tree. The parser accepts any tokens and keeps all of them in the tree.
 //!
-//! A recursive-descent parser that never gives up: it reports, puts what it cannot read into an error node, and goes on
-//! at the next `;`, `}` or section keyword. A missing bracket is reported and then taken as read, so that one damaged
-//! token costs one diagnostic in most places.
+//! A recursive-descent parser that never gives up: it reports each mistake, puts unreadable text
+//! into an error node, and continues at the next `;`, `}` or section keyword. A missing bracket is
+//! reported and then taken as read, so that one damaged token costs one diagnostic in most places.
 
 mod activity;
 mod expression;
@@ -39,7 +39,7 @@ pub(crate) struct Parse {
     pub(crate) damage: Vec<Span>,
 }
 
-/// Returns the tree of a text; of one that is too long, an empty tree and the reason.
+/// Returns the tree of a text. If the text is too long, returns an empty tree and the reason.
 pub(crate) fn parse(source: &Source, origin: Origin) -> Parse {
     let read = match source.text.len() <= SOURCE_MAX {
         true => lexer::lex_at_most(&source.text, TOKENS_MAX)

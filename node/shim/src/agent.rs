@@ -42,7 +42,7 @@ struct Reports {
     attached: Option<UnixStream>,
 }
 
-/// Whether the agent that started this shim is already gone, whatever it ordered before.
+/// Whether the agent that started this shim is already gone, regardless of its orders.
 pub(crate) fn is_lost() -> bool {
     let stdin = io::stdin();
     let mut input = [PollFd::from_borrowed_fd(stdin.as_fd(), PollFlags::empty())];

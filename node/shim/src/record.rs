@@ -52,7 +52,7 @@ impl Record {
 }
 
 /// Records the end, then reports it: an agent that attaches too late reads the record, in the same boot of the kernel.
-/// An agent that hears of the end does not wait for the disk. Without an agent, the record is the only copy, so it is
+/// If an agent gets the report of the end, the shim does not wait for the disk. Without an agent, the record is the only copy, so it is
 /// synced. Returns the end if neither an agent nor the disk has it.
 pub(super) fn conclude(dir: &Path, agent: &Agent, end: ShimReport) -> Option<ShimReport> {
     let written = write_end(dir, &end);

@@ -98,8 +98,8 @@ pub struct Attached {
 /// Outside a tokio runtime.
 pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimReports)> {
     let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
-    // This node may have died and been restarted a moment ago. Until the new shim has written these files, they would
-    // be those of an earlier program.
+    // This node may have died and been restarted a moment ago. Until the new shim has written these
+    // files, they would be the files of an earlier program.
     for stale in [EXIT_FILE, SOCKET_FILE] {
         remove_stale(&start.dir.join(stale))?;
     }

@@ -92,7 +92,7 @@ pub(crate) async fn hear_programs(
                 let hearing = hear(events.clone(), database.clone(), connection, sender, receiver);
                 programs.spawn(async move {
                     if let Err(error) = hearing.await {
-                        tracing::warn!(error = format!("{error:#}"), "a program cannot be heard any more");
+                        tracing::warn!(error = format!("{error:#}"), "the connection of a program has failed");
                     }
                 });
             }

@@ -83,7 +83,7 @@ fn read(path: &Path) -> anyhow::Result<Policy> {
 pub(crate) struct Admitted {
     pub(crate) limits: Limits,
     pub(crate) sandbox: Sandbox,
-    /// The variables of its environment that differ from those of its node.
+    /// The variables of its environment that differ from the environment of its node.
     pub(crate) environment: Vec<(String, String)>,
 }
 

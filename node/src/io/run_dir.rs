@@ -448,7 +448,7 @@ pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
         (Err(RunDirError::Unusable { cause, .. }), Err(why)) if cause.kind() == io::ErrorKind::NotFound => {
             Err(unusable(why))
         }
-        // If the folder exists, what is wrong with it is more helpful than that it cannot be made.
+        // If the folder exists, its problem is a more helpful message than that it cannot be made.
         (checked, made) => checked.and_then(|()| made.map_err(unusable)),
     }
 }

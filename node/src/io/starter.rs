@@ -118,7 +118,7 @@ impl Starter {
     /// Does jobs until there are no more.
     ///
     /// # Cancellation
-    /// The programs that it has started are not heard any more.
+    /// No more messages arrive from the programs that it has started.
     pub(crate) async fn run(mut self, mut jobs: Receiver<Job>) {
         loop {
             while self.tasks.try_join_next().is_some() {}

@@ -80,7 +80,7 @@ impl Reader {
             }
             let this = id(&file.metadata()?);
             if self.is_aside {
-                // The next file is the one that was put aside after this file, or else the current file.
+                // The next file is the file that was put aside after this file, or else the current file.
                 let old = self.open(OUTPUT_FILE_OLD)?;
                 let missed = old.filter(|old| old.metadata().is_ok_and(|old| id(&old) != this));
                 let is_aside = missed.is_some();
@@ -199,8 +199,8 @@ async fn send(
                     }
                 }
                 Err(error) => {
-                    tracing::warn!(%error, "cannot read what a program wrote");
-                    failure.get_or_insert(format!("what a program wrote cannot be read: {error}"));
+                    tracing::warn!(%error, "cannot read the output of a program");
+                    failure.get_or_insert(format!("cannot read the output of a program: {error}"));
                     readers.retain(|(reader, _)| *reader != index);
                 }
             }

@@ -192,7 +192,7 @@ impl Attachments {
         self.programs.get(process)
     }
 
-    /// Returns every program, including those of deployments that are over.
+    /// Returns every program, including the programs of deployments that are over.
     pub fn programs(&self) -> impl Iterator<Item = (&ProcessId, &Attachment)> {
         self.programs.iter()
     }

@@ -69,7 +69,7 @@ impl Claims {
         })
     }
 
-    /// Returns why these devices cannot be held together with those of `holder`: one sentence for each such device.
+    /// Returns why these devices cannot be held at the same time as the devices of `holder`: one sentence for each such device.
     pub fn conflicts(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
         self.both(theirs).map(|(device, path)| held(device, holder, path)).collect()
     }

@@ -48,7 +48,7 @@ use watch::Watchers;
 
 /// The team name of robots that were given no other.
 pub const TEAM: &str = "dca";
-/// How many peers are remembered after they were heard.
+/// How many peers are remembered after their last message.
 const HEARD_MAX: usize = 1024;
 /// The refusal of a watcher of local keys.
 const NO_NEWS: &str = "keys below `local/` can be read and written, but not watched";
@@ -113,7 +113,7 @@ pub struct Database {
     place: Place,
     disk: Disk,
     calls: Calls,
-    /// The other replicas that were heard recently, and when.
+    /// The other replicas that have sent messages recently, and the times of these messages.
     heard: BTreeMap<ReplicaId, KnownPeer>,
     other_team: OtherTeam,
     alarms: Alarms,
@@ -151,7 +151,7 @@ struct Derived {
     checkpoints: Checkpoints,
 }
 
-/// Another replica that was heard recently.
+/// Another replica that has sent a message recently.
 #[derive(Clone, Copy, Debug)]
 struct KnownPeer {
     at: Time,
@@ -383,9 +383,9 @@ impl Database {
         }
     }
 
-    /// Makes room for a replica that was heard; returns whether it has room. If necessary, another
-    /// replica is dropped: first a replica outside the team, and of these the replica that was
-    /// heard longest ago. A member is dropped only for another member.
+    /// Makes room for a replica that has sent a message. Returns whether there was room. If necessary, another
+    /// replica is dropped: first a replica outside the team, and of these the replica whose last
+    /// message is the oldest. A member is dropped only for another member.
     fn has_room_for(&mut self, from: ReplicaId) -> bool {
         if self.heard.len() < HEARD_MAX || self.heard.contains_key(&from) {
             return true;
@@ -518,7 +518,7 @@ impl Database {
                 self.calls.watchers.replaced();
             }
             replica::Effect::Renamed(..) => {}
-            // The status shows this alarm as long as the other team is heard. The log shows when it was first heard.
+            // The status shows this alarm while messages of the other team arrive. The log shows the time of the first message.
             replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) => {
                 let is_new = self.other_team.hear(now, origin, &robot);
                 let alarm = Alarm::OtherTeam(origin, robot);

@@ -75,7 +75,7 @@ pub enum Refusal {
     /// It has no signature, but this action needs one.
     #[error("it is not signed: in a team, to {0} needs the key of a user (`dca team key`)")]
     Unsigned(Action),
-    /// The signed payload is not a request, or not one that needs a signature.
+    /// The signed payload is not a request, or the request needs no signature.
     #[error("the signed payload is not a request that needs a signature")]
     Unreadable,
     /// The signature is for another action.

@@ -8,8 +8,8 @@
 //! Invariants: each activation has exactly one ending (`finish` removes the activation that it ends). The ending
 //! comes only when the controller has finished its `Stop()`, or when nothing of the program is left. A stop is
 //! bounded by `stop_within`, then by the grace after SIGTERM, then by the time the kernel has to remove the
-//! killed processes. An activation outlives its program: while the program is started again, its supervisor hears
-//! nothing.
+//! killed processes. An activation outlives its program: while the program is started again, its
+//! supervisor gets no report.
 
 mod note;
 mod program;

@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// How long an unacknowledged message waits at least before it is sent again. On a slow line, it waits for twice the round trip.
 pub(super) const RESEND_AFTER: Duration = Duration::from_millis(200);
-/// How long an unacknowledged message waits at most, however often it was sent in vain.
+/// The longest wait of an unacknowledged message, even after many attempts.
 pub(super) const RESEND_AFTER_MAX: Duration = Duration::from_secs(5);
 /// How many messages are sent again at once.
 const WINDOW: usize = 64;

@@ -8,10 +8,10 @@
 //! is gone, its answer to a later round refutes this. An answer to an earlier round does not.
 //!
 //! A node that does not answer is at first only missing. It is lost after [`LOST_AFTER`]: a short cut, or a node that
-//! was suspended, must not end a mission. If two nodes have one name, both are kept. The first one that answered holds
-//! the name until it is lost, and until then the second is refused. If a node was killed, its next boot gets the name
-//! at once: it has the same folder of the same machine, which two nodes never have at once. This module never uses the
-//! calendar clock.
+//! was suspended, must not end a mission. If two nodes have one name, both are kept. The node that answered first
+//! holds the name until it is lost. Until then the second node is refused. If a node was killed, its next boot gets
+//! the name at once: it has the same folder of the same machine, which two nodes never have at once. This module never
+//! uses the calendar clock.
 
 mod attention;
 mod change;
@@ -32,7 +32,7 @@ use std::time::Duration;
 pub const LOST_AFTER: Duration = Duration::from_secs(5);
 /// How often the nodes that matter now are asked.
 pub(super) const ASK_EVERY: Duration = Duration::from_secs(1);
-/// The shortest time between two rounds, whatever happens.
+/// The shortest time between two rounds in every case.
 pub(super) const ASK_GAP: Duration = Duration::from_millis(100);
 /// The most names that are asked in a round. If there are more names, all nodes are asked.
 const ASKED_MAX: usize = 64;
@@ -181,7 +181,7 @@ impl NameServer {
         self.ask_soon(now, host);
     }
 
-    /// Returns whether all other nodes have had time to hear of this node, since a new node asks them every second.
+    /// Returns whether all other nodes have had time to notice this node. A new node asks them every second.
     pub fn is_known(&self, now: Time) -> bool {
         now.since(self.started) > KNOWN_WITHIN
     }

@@ -108,7 +108,7 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
                 let parts = parameter_key(key).filter(|(_, deployment, ..)| *deployment == one.deployment.name);
                 parts.is_some_and(|(_, _, instance, of)| of == name && stands_for(instance, &one.path))
             };
-            // If several keys name the instance, the one with the longest path is used.
+            // If several keys name the instance, the key with the longest path is used.
             let stored = keys.iter().filter(|(key, _)| is_meant(key)).max_by_key(|(key, _)| key.len());
             let (Some((key, text)), Some(given)) = (stored, &status.given) else { continue };
             let accepts = &status.parameter.accepts;

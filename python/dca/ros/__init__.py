@@ -1,6 +1,6 @@
 """The standard messages of ROS 2: `dca.ros.sensor.LaserScan` is `ros.sensor.LaserScan` in a spec, and `sensor_msgs/msg/LaserScan` in ROS 2.
 
-A class is made when it is first used. Its bytes on a wire are those of the same message in Rust.
+A class is made when it is first used. On a wire, it has the same bytes as the message in Rust.
 """
 
 import importlib

@@ -41,7 +41,7 @@ pub(crate) enum End {
 }
 
 impl Carried {
-    /// Returns what a route means, without an endpoint.
+    /// Returns the meaning of a route, without an endpoint.
     ///
     /// # Errors
     /// A sentence for a person.
@@ -152,7 +152,7 @@ impl Carried {
         Signature { argument: form(self.route.of.request()), result: form(self.route.of.response()) }
     }
 
-    /// Returns what has become of its messages or calls.
+    /// Returns what happened to its messages or calls.
     pub(crate) fn counts(&self) -> Counts {
         match &self.end {
             End::ToRos { counts, .. } => *counts,

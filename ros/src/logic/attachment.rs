@@ -26,7 +26,7 @@ impl Gid {
 /// The attachment of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attachment {
-    /// The number of the message among those of its sender, from 1.
+    /// The number of the message among the messages of its sender, from 1.
     pub sequence: i64,
     /// The time at which it was sent, in nanoseconds since 1970.
     pub nanos: i64,

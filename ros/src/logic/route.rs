@@ -1,7 +1,7 @@
 //! Routes: the topics and services that a bridge carries, each with its type, its direction and its quality of service.
 //!
 //! A bridge gets its routes as one text, `>/cmd_vel geometry_msgs/msg/Twist ::,10:,:,:,,;</scan sensor_msgs/msg/LaserScan 2::,5:,:,:,,`.
-//! The sign in front is that of its [`Way`]. A route whose frames have a prefix has that behind it.
+//! The sign in front comes from its [`Way`]. A route whose frames have a prefix has that behind it.
 
 use super::frame::FramePrefix;
 use super::key::GraphName;
@@ -19,7 +19,8 @@ pub const DEPTH_MAX: u64 = 1000;
 const END: char = ';';
 /// The type of transforms.
 const TRANSFORMS: (&str, &str) = ("tf2_msgs", "TFMessage");
-/// Behind the name of a topic to which a mission publishes transforms: no topic has this name, and the mission may hear that topic too.
+/// Behind the name of a topic to which a mission publishes transforms: no topic has this name, and the mission may also
+/// subscribe to that topic.
 const OUT: &str = "-out";
 
 /// The quality of service of a service without another one, as in ROS 2.
@@ -86,8 +87,8 @@ impl Way {
 }
 
 impl Route {
-    /// Returns whether its messages are transforms. Any number of processes on any number of hosts may publish their topic, and hear it
-    /// at the same time.
+    /// Returns whether its messages are transforms. Any number of processes on any number of hosts
+    /// may publish and subscribe to their topic at the same time.
     pub fn has_transforms(&self) -> bool {
         is_transforms(&self.of)
     }

@@ -100,10 +100,7 @@ fn without_a_terminal_or_a_node_it_says_what_is_missing() {
     let here = cluster.here();
     let piped = here.ask(&["top"]);
     assert_eq!((piped.code, piped.out.as_str()), (Some(2), ""), "{piped}");
-    assert!(
-        piped.err.contains("`dca top` draws on a terminal") && piped.err.contains("`dca status --watch`"),
-        "{piped}"
-    );
+    assert!(piped.err.contains("`dca top` needs a terminal") && piped.err.contains("`dca status --watch`"), "{piped}");
     let alone = here.typed(80, &[], &["top"]).left();
     assert_eq!((alone.code, alone.is_restored), (Some(3), true), "{alone:?}");
     assert!(alone.written.contains("no node runs on this machine") && !alone.written.contains("1049"), "{alone:?}");

@@ -32,7 +32,7 @@ pub enum JoinError {
     /// The invitation has ended.
     #[error("the invitation has ended; ask for a new invitation")]
     Expired,
-    /// The other side belongs to another team than the one in the line.
+    /// The other side does not belong to the team in the line.
     #[error("the answer is not from the team of the invitation")]
     OtherTeam,
     /// The other side has no right to invite.
@@ -98,7 +98,7 @@ impl Joiner {
     /// Checks the inviter's offer, and returns the proof.
     ///
     /// # Errors
-    /// If the team is not the one in the line, or the inviter has no right to invite.
+    /// If the team is not the team in the line, or the inviter has no right to invite.
     pub fn offered(&mut self, offer: Offer, now: UnixTime) -> Result<Message, JoinError> {
         if offer.team.id() != self.invite.team {
             return Err(JoinError::OtherTeam);

@@ -30,7 +30,7 @@ pub(super) struct Suspect {
 enum Outside {
     /// Something ends it.
     Ends,
-    /// Nothing ends it. The story is given if it differs from that of the part alone.
+    /// Nothing ends it. The story is given if it differs from the story of the part alone.
     Stuck(Option<Story>),
     Open(Reached),
 }

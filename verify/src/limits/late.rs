@@ -81,7 +81,7 @@ pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
         let mut walk = Walk { times, group, source, node: 0, too_late: None, tries: &mut tries, lefts: &mut lefts };
         walk.at(&source.expression, left);
     }
-    // Steps after one that never starts have the same cause. A text is reported only once for all instances of its
+    // Steps after a step that never starts have the same cause. A text is reported only once for all instances of its
     // group.
     let (mut causes, mut places) = (BTreeSet::new(), BTreeSet::new());
     let found = tries.into_iter().filter_map(|((group, span), tries)| {

@@ -60,7 +60,7 @@ pub(super) struct Use {
     pub(super) inner: Node,
 }
 
-/// The variables of a group, other than those of its nodes.
+/// The variables of a group, without the variables of its nodes.
 pub(super) struct GroupVars {
     /// Whether an order to stop the group is in transit.
     pub(super) is_ordered: Var,
@@ -92,7 +92,7 @@ pub(super) struct Travels {
 
 /// The variables of the control that all nodes share.
 pub(super) struct Control {
-    /// The node that has something to do, what it does, and the operand that this is about.
+    /// The node that has an action to carry out, the action, and the operand of the action.
     pub(super) at: Var,
     pub(super) todo: Var,
     pub(super) operand: Var,

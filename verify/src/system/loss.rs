@@ -5,7 +5,7 @@
 //! continue until their own node has also noticed the loss; then each follows its `on_link_loss`. A group continues
 //! with its expression as long as any program below it may continue. A host that has lost the home host, and on which
 //! nothing continues, leaves the mission. Resources that a `using` holds for a member on a lost host are not given to
-//! others. The rules are those of `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
+//! others. The rules come from `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
 
 mod note;
 

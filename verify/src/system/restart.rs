@@ -4,8 +4,8 @@
 //! away until it runs again as if it had just begun. Depending on the strategy of its group, programs of other members are
 //! restarted with it. A program that has died too often has failed, and cannot be started any more. A group whose programs have
 //! died too often stops everything and has failed. States do not count the deaths, so each
-//! consequence may come at any time at which it is possible. The rules are those of
-//! `node/src/logic`: `instance/restarts`, `executer/supervision`.
+//! consequence may come at any time at which it is possible. The rules come from `node/src/logic`:
+//! `instance/restarts`, `executer/supervision`.
 
 use super::{Changed, FaultKind, Frame, Label, System, small};
 use crate::model::{Model, Seat};

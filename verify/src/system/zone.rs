@@ -1,9 +1,9 @@
 //! The order in which the timers of an activity may elapse.
 //!
 //! A supervisor makes the timers of an activity elapse in the order of their due times. If several timers are due at the
-//! same time, the one that began first elapses first. A *zone* is a set of possible due times. It has an upper bound for
-//! each difference between two due times, and between a due time and now. Between two events any time may pass, up to the
-//! next due time. Source: D. L. Dill, "Timing assumptions and verification of finite-state concurrent systems", 1989.
+//! same time, the timer that began first elapses first. A *zone* is a set of possible due times. It has an upper bound
+//! for each difference between two due times, and between a due time and now. Between two events any time may pass, up to
+//! the next due time. Source: D. L. Dill, "Timing assumptions and verification of finite-state concurrent systems", 1989.
 //!
 //! Bounds far from 0 are rounded up, so that a short period beside a long time does not create a zone for each tick.
 

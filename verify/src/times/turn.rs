@@ -1,6 +1,6 @@
 //! Computes how long a `using` waits for its turn.
 //!
-//! A waiting `using` is in a queue, behind every earlier one that wants the same resources. So each other `using` that may
+//! A waiting `using` is in a queue, after every earlier `using` that wants the same resources. So each other `using` that may
 //! be active at the same time gets its resources at most once before this one's turn comes. The
 //! same limit applies to a `using` that shares no resource with this `using`, but shares a resource
 //! with another `using` in the queue, because that other `using` may have to wait for it.

@@ -15,7 +15,7 @@ const WAITING_MAX: usize = 4 << 20;
 /// Data End: opcode, length, and the checksum of all earlier bytes. Footer: opcode, length, no summary, no checksum. Magic.
 const END_SIZE: usize = 50;
 
-/// Returns the end of a file. `checksum` is that of all earlier bytes.
+/// Returns the end of a file. `checksum` is the checksum of all earlier bytes.
 fn end(checksum: u32) -> [u8; END_SIZE] {
     let mut end = [0; END_SIZE];
     (end[0], end[1]) = (op::DATA_END, 4);

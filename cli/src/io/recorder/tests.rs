@@ -323,9 +323,9 @@ fn other_files_are_refused_with_a_reason() {
     assert!(missing.starts_with("reading the record `") && missing.contains("No such file"), "{missing}");
     for (bytes, expected) in [
         (&b"hello"[..], "not the record of a run: "),
-        (&b""[..], "the record does not say what was run: "),
-        (&mcap::MAGIC[..5], "the record does not say what was run: "),
-        (mcap::MAGIC, "the record does not say what was run: "),
+        (&b""[..], "the record does not name its spec: "),
+        (&mcap::MAGIC[..5], "the record does not name its spec: "),
+        (mcap::MAGIC, "the record does not name its spec: "),
     ] {
         fs::write(&path, bytes).unwrap();
         let error = read(&path).unwrap_err();

@@ -13,7 +13,7 @@ pub(super) fn channel() -> (&'static str, Description) {
     (EVENTS, Description { form: JSON, schema_name: "dca.Event".to_owned(), schema: schema.to_string() })
 }
 
-/// Returns the message for an event; none for one that only programs need.
+/// Returns the message for an event. None for an event that only programs need.
 pub(super) fn payload(event: &Event) -> Option<Vec<u8>> {
     if matches!(event.report, Report::Programs { .. } | Report::Stepped { .. }) {
         return None;
@@ -21,7 +21,7 @@ pub(super) fn payload(event: &Event) -> Option<Vec<u8>> {
     let row = Rows::default().row(&Entry::Report(event.report.clone()), event.time);
     let mut message: Value = serde_json::from_slice(&row.data).ok()?;
     message["deployment"] = json!(event.deployment.to_string());
-    // The host is known here, whatever the report is about.
+    // The host is known here for every kind of report.
     message["host"] = json!(event.host);
     Some(message.to_string().into_bytes())
 }

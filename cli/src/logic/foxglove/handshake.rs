@@ -26,7 +26,7 @@ const VERSION: &str = "13";
 pub(crate) enum Peer {
     /// The user of this command, or root.
     Own,
-    /// Another user, or one that the system does not tell.
+    /// Another user, or a user that the system does not report.
     Other,
 }
 
@@ -96,8 +96,8 @@ impl Entrance {
     }
 }
 
-/// Returns whether a host is this machine by a name that always means this machine, with a port or without. With a forwarded port
-/// it is another port than that of the server.
+/// Returns whether a host is this machine by a name that always means this machine, with a port or
+/// without. With a forwarded port, it differs from the port of the server.
 fn is_here(host: &str) -> bool {
     NAMES.into_iter().any(|name| {
         host.strip_prefix(name).is_some_and(|port| {

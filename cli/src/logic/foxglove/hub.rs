@@ -191,7 +191,7 @@ impl Hub {
         !self.catalog.channels.values().any(|channel| channel.source == source)
     }
 
-    /// Returns whether some client wants to hear of changes of parameters.
+    /// Returns whether a client wants to get changes of parameters.
     pub(crate) fn follows_parameters(&self) -> bool {
         self.viewers.values().any(Viewer::is_follower)
     }
@@ -320,7 +320,7 @@ impl Hub {
         });
     }
 
-    /// Takes note that an output is heard from now on: earlier values are not lost, they were not wanted.
+    /// Takes note that the values of an output are received from now on. Earlier values are not lost, because nothing had requested them.
     pub(crate) fn hears(&mut self, source: &Source) {
         let mission = source.program().and_then(|program| self.missions.get_mut(&program.mission));
         if let Some(mission) = mission {
@@ -487,7 +487,7 @@ impl Hub {
         }
     }
 
-    /// Does what a client asks of the record.
+    /// Carries out a request of a client about the record.
     fn control(&mut self, number: u64, now: Time, control: &Control) {
         if let Some(played) = self.recording.as_mut().map(|recording| recording.control(now, control)) {
             self.tell(played, Some(number));

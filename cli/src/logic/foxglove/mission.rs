@@ -164,7 +164,7 @@ impl LiveMission {
         self.exports.keys().map(String::as_str)
     }
 
-    /// Takes note that an output is heard from now on.
+    /// Takes note that the values of an output are received from now on.
     pub(super) fn hears(&mut self, source: &Source) {
         if let Some(output) = self.outputs.get_mut(source) {
             output.numbers = Numbers::default();

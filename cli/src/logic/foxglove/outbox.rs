@@ -126,7 +126,7 @@ impl Outbox {
         (self.values, self.values_size) = (VecDeque::new(), 0);
     }
 
-    /// Returns the next message: words first, so that a client hears of a channel before its values.
+    /// Returns the next message: words first, so that a client gets the announcement of a channel before its values.
     pub(super) fn next(&mut self, now: Time) -> Option<Frame> {
         if !self.lost.is_empty() && self.told.is_none_or(|told| now.since(told) >= TOLD_EVERY) {
             self.told = Some(now);

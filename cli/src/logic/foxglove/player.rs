@@ -55,7 +55,7 @@ impl Player {
         is_over
     }
 
-    /// Does what a client asks for. Returns whether the clock has jumped.
+    /// Carries out the request of a client. Returns whether the clock has jumped.
     pub(super) fn control(&mut self, now: Time, control: &Control) -> bool {
         self.advance(now);
         if let Some(speed) = control.speed.filter(|speed| speed.is_finite() && *speed > 0.0) {

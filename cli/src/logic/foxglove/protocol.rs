@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// The names of the protocol, the one that is preferred first.
+/// The names of the protocol, the preferred name first.
 pub(crate) const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// The encoding of calls and their results.
 pub(super) const ENCODING: &str = "json";

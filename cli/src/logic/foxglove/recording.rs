@@ -134,7 +134,7 @@ impl Recording {
         Played { messages: (begin..self.next).collect(), frames, ..Played::default() }
     }
 
-    /// Does what a client asks for. After a jump, clients get the last message of each channel.
+    /// Carries out the request of a client. After a jump, clients get the last message of each channel.
     pub(super) fn control(&mut self, now: Time, control: &Control) -> Played {
         self.has_begun = true;
         let mut played = self.advance(now);

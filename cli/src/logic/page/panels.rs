@@ -86,7 +86,7 @@ fn points(run: &Run) -> Points<'_> {
 fn curve(mission: &Mission, index: usize, points: &Points<'_>) -> Curve {
     let track = &mission.tracks()[index];
     let mut points = points.get(&(track.path.as_str(), track.name.as_str())).cloned().unwrap_or_default();
-    // Samples of one program are in order, also between those of others; this is for records of other tools.
+    // Samples of one program are in order, also if samples of other programs are between them. This is for records of other tools.
     points.sort_by_key(|(at, _)| *at);
     Curve { title: mission.title(track), points }
 }

@@ -23,7 +23,7 @@ pub enum ReadError {
     #[error("not the record of a run: {0}")]
     Foreign(String),
     /// The bytes are the beginning of a record, or a damaged record, and do not name their run.
-    #[error("the record does not say what was run: {0}")]
+    #[error("the record does not name its spec: {0}")]
     Damaged(String),
     /// A later version of DCA wrote the record.
     #[error("the record has version {0}; this program reads up to version {VERSION}")]

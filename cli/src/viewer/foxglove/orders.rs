@@ -128,7 +128,7 @@ async fn set_parameters(ways: &Ways, mut values: Vec<GivenValue>) -> Answer {
             Err(failure) => problems.push(format!("not everything was set: {}", words(&failure))),
         }
     }
-    // The client gets what is so now, whatever it has asked for.
+    // The client gets the present value, even if it has requested another value.
     let present = parameters(&ways.clients).await;
     problems.extend(values.iter().map(|one| present.not_set(&one.name, &ways.homes)));
     problems.extend(present.unread(&ways.homes));

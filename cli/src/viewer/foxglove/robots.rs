@@ -1,7 +1,8 @@
 //! The robots behind the server: which programs run, and the values that clients want.
 //!
-//! Without a client no robot is asked. A value is fetched only while some client has subscribed to it, as `dca echo` does. The
-//! signals of a program are heard until their names are known, which the first sample tells.
+//! Without a client no robot is asked. A value is fetched only while some client has subscribed to
+//! it, as `dca echo` does. The view receives the signals of a program until it knows their names.
+//! The first sample has the names.
 
 use crate::client::{Client, Clients};
 use crate::io::observer::samples;
@@ -40,7 +41,7 @@ const DESCRIBED_MAX: usize = 8;
 const PARAMETERS_EVERY: Duration = Duration::from_secs(2);
 /// How many news besides values wait; further senders wait.
 const NEWS_MAX: usize = 1024;
-/// How long programs have to end what they were asked when the command is left.
+/// How long programs may take to finish their orders when the user leaves the command.
 const CLOSED_WITHIN: Duration = Duration::from_secs(5);
 
 /// News of a robot.
@@ -80,14 +81,14 @@ struct Program {
     asked: Time,
 }
 
-/// Something that is heard.
+/// A subscription.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Line {
     Source(Source),
     Log { host: String, mission: MissionId },
 }
 
-/// A line that is heard, until this is dropped.
+/// A line whose values are received until this is dropped.
 struct Hearing {
     task: AbortHandle,
     _end: oneshot::Sender<()>,
@@ -171,7 +172,7 @@ impl Robots {
                 }
             }
             News::Value(Queued { source, value: Arrived { content, at }, lost }) => match (content, source) {
-                // The numbers of the values count what was left out.
+                // The numbers of the values show how many values were left out.
                 (Content::Value(tapped), source) => hub.value(&source, tapped, at),
                 (Content::Signals(samples), Source::Signals(program)) => hub.signals(&program, samples, lost, at),
                 (
@@ -184,7 +185,7 @@ impl Robots {
         }
     }
 
-    /// Looks for programs, and receives the requests of clients. Without a client, nothing is asked or heard.
+    /// Looks for programs, and receives the requests of clients. Without a client, the view sends no requests, and receives nothing.
     pub(super) fn follow(&mut self, live: &Live, model: &Model, hub: &mut Hub) {
         while let Some(ended) = self.tasks.try_join_next() {
             if let Err(error) = ended
@@ -231,7 +232,7 @@ impl Robots {
             let sink = self.sink.clone();
             self.tasks.spawn(async move {
                 let opened = Taps::open(team).await.inspect_err(|failure| {
-                    tracing::warn!(why = %crate::client::words(failure), "values cannot be heard");
+                    tracing::warn!(why = %crate::client::words(failure), "cannot receive values");
                 });
                 let taps = opened.ok().map(Arc::new);
                 sink.send(News::Opened { fleet, taps }).await.unwrap_or_default();
@@ -300,14 +301,14 @@ impl Robots {
                         lines.extend(one.phases.keys().map(line));
                     }
                 }
-                // The view hears these anyway.
+                // The view receives these anyway.
                 Source::Events | Source::State(_) | Source::Recorded(_) => {}
             }
         }
         let described = self.programs.iter().filter(|(_, program)| program.is_described);
         let unknown = described.map(|(name, _)| name).filter(|name| hub.lacks_signals(name));
         lines.extend(unknown.map(|name| Line::Source(Source::Signals(name.clone()))));
-        // A line that could not be heard is tried again.
+        // If a subscription to a line failed, it is tried again.
         self.hearing.retain(|line, hearing| lines.contains(line) && !hearing.task.is_finished());
         let is_log = |line: &Line| matches!(line, Line::Log { .. });
         if !self.hearing.keys().any(is_log) && lines.iter().any(is_log) {
@@ -422,7 +423,9 @@ async fn hold(
             ended.await.unwrap_or_default();
             tokio::task::spawn_blocking(move || drop(subscription)).await.unwrap_or_default();
         }
-        Err(failure) => tracing::debug!(why = %crate::client::words(&failure), "an output cannot be heard"),
+        Err(failure) => {
+            tracing::debug!(why = %crate::client::words(&failure), "cannot receive the values of an output")
+        }
     }
 }
 

@@ -364,7 +364,7 @@ impl Drop for PendingCall {
         let Ok(prepared) = self.way.prepare(&self.cancel_key, Content::Cancel, cancel) else { return };
         let told = self.session.put(&self.cancel_key, prepared.bytes).attachment(prepared.beside);
         if let Err(error) = told.congestion_control(CongestionControl::Drop).express(true).wait() {
-            tracing::debug!(%error, "the other end does not hear that its caller has left");
+            tracing::debug!(%error, "cannot tell the other end that its caller has left");
         }
     }
 }

@@ -414,7 +414,7 @@ impl Drop for Replies {
         let Ok(leave) = codec::encode(&Pull::Leave { stream: self.stream.clone() }) else { return };
         let leaving = self.session.get(&self.server).attachment(leave).congestion_control(CongestionControl::Drop);
         if let Err(error) = leaving.timeout(LEAVE_TIMEOUT).callback(drop).wait() {
-            tracing::debug!(key = self.key, %error, "the server does not hear that its caller has left");
+            tracing::debug!(key = self.key, %error, "cannot tell the server that its caller has left");
         }
     }
 }

@@ -4,8 +4,9 @@ use super::OpenError;
 use std::path::Path;
 use zenoh::Config;
 
-/// How long a session may be silent before its peer gives it up. Over a new link, a peer hears nothing for a round trip,
-/// which takes up to 3 s; the lease is longer. A cut is noticed earlier, see `patience`.
+/// How long a session may be silent before its peer gives it up. Over a new link, a peer receives
+/// nothing for a round trip, which takes up to 3 s. The lease is longer. A cut is noticed earlier,
+/// see `patience`.
 const LEASE_MS: u32 = 5000;
 /// The same for nodes. Each node is linked to every other one, and the links are mostly idle. Over IPv6, a keep-alive
 /// takes 175 bytes on the cable of each link, including the answers of TCP.

@@ -1,4 +1,4 @@
-//! Asks several places at once and finds the one that answers first. Zenoh would try one place after the other, and wait
+//! Asks several places at once, and finds the place that answers first. Zenoh would try one place after the other, and wait
 //! long for each.
 
 use super::interfaces;

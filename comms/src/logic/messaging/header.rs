@@ -9,7 +9,7 @@ pub const NAME_SIZE_MAX: usize = 255;
 /// The most bytes of data in a message.
 pub const DATA_SIZE_MAX: usize = 1 << 20;
 
-/// The header of a message. Its fields are those of the paper.
+/// The header of a message. Its fields come from the paper.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
     /// The context: `motion`, `speech`. Filters use it.

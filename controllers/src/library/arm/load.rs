@@ -27,7 +27,7 @@ pub(super) struct Load {
     unloading: Unloading,
     /// The force on a hand whose load another law has taken off (N).
     held: Option<f64>,
-    /// The time since the stop began, and the time since arm and wrist sensor were last heard.
+    /// The time since the stop began, and the time since the last samples of arm and wrist sensor.
     stopping: Duration,
     numb: Duration,
     end: Option<End>,
@@ -72,7 +72,7 @@ impl Load {
             Some(None) => self.end = Some(End::Off),
             // A robot without a wrist sensor has nothing to wait for.
             None if force.received() == 0 => self.end = Some(End::Off),
-            None if self.numb > SILENCE => self.end(force, "arm and wrist sensor have not been heard for 1 s"),
+            None if self.numb > SILENCE => self.end(force, "no samples of arm and wrist sensor for 1 s"),
             Some(Some(_)) | None if self.stopping > WITHIN => self.end(force, "taking it off takes too long"),
             Some(Some(rates)) => return Some(rates),
             None => {

@@ -45,7 +45,7 @@ impl Rest {
     }
 
     /// Returns the velocity of a hand at rest that feels `wrench` (N, Nm, tool axes), with a slow part of its force, `dt`
-    /// (s) after the last call; `delay` (s) is that of the force loop.
+    /// (s) after the last call; `delay` (s) is the delay of the force loop.
     pub(super) fn velocity(&mut self, wrench: &Vector6<f64>, slow: Vector3<f64>, delay: f64, dt: f64) -> Velocity {
         if self.left.is_some_and(|left| (slow - left).norm() > CHANGED) {
             // A visitor pushes, or the leaf moves.

@@ -1,7 +1,7 @@
 //! The command side of the devices: a lock for each, a queue of commands beside its port, and the count of refusals.
 //!
-//! Each command is checked at its device. A command sent under a grant that has ended since is refused, however long it
-//! was in transit.
+//! Each command is checked at its device. A command under a grant that has ended since then is
+//! refused, even if it was in transit for long.
 
 use crate::message::{BaseVelocity, Grip, JointVelocity};
 use crate::robot::drive::Owner;

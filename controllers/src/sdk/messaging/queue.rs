@@ -74,7 +74,7 @@ impl<T: Message> Queue<T> {
         }
     }
 
-    /// Takes the message with the highest priority; among several, the one that arrived first.
+    /// Takes the message with the highest priority. If several messages have this priority, takes the message that arrived first.
     pub fn take(&mut self, now: Time) -> Option<Taken<T>> {
         self.now = now;
         while let Some(QueueMessage { header, fence, data, .. }) = self.queue.take() {

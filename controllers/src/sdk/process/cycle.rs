@@ -184,7 +184,7 @@ impl Cycle {
         }
     }
 
-    /// New parameters never end the activation: the controller continues without the ones that it refuses.
+    /// New parameters never end the activation: the controller continues without the parameters that it refuses.
     fn configure(&mut self, arguments: Arguments) {
         let running = !matches!(self.phase, Phase::Idle);
         match self.call(|module| module.configure(arguments, running)) {

@@ -66,7 +66,7 @@ impl Arrived {
 pub(super) struct Hold {
     /// How many samples wait at most.
     pub(super) count_max: usize,
-    /// Whether the last sample waits for the next activation, however long that takes.
+    /// Whether the last sample waits for the next activation without a limit.
     pub(super) is_latched: bool,
 }
 

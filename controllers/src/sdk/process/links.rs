@@ -321,7 +321,7 @@ impl Links {
         for (wire, (declared, hearing)) in moved {
             match hearing.from(self.ways(session, inbox), found) {
                 Ok(hearing) => drop(self.lock().inputs.insert(wire, (declared, hearing))),
-                Err(error) => tracing::warn!(error, wire, "a wire is not heard any more"),
+                Err(error) => tracing::warn!(error, wire, "no more values are received from a wire"),
             }
         }
     }

@@ -34,8 +34,8 @@ impl Watch {
         }
     }
 
-    /// Returns the peaks that the sample at `time` does not show, and starts again with this sample. It is the last one
-    /// that was taken.
+    /// Returns the peaks that the sample at `time` does not show, and starts again with this
+    /// sample. It is the last sample that was taken.
     pub(super) fn sampled(&mut self, sample: &[Signal], time: Time) -> Vec<Peak> {
         let mut missed = Vec::new();
         for (index, (largest, at)) in self.largest.iter().enumerate() {

@@ -159,7 +159,7 @@ fn write(engine: &Database, life: Option<Life>, batch: &Batch) -> Result<(), red
     Ok(txn.commit()?)
 }
 
-/// Converts the engine's error into one that users of the store understand.
+/// Converts the engine's error into an error that users of the store understand.
 #[expect(clippy::wildcard_enum_match_arm, reason = "most errors of the engine are about calls that are not made here")]
 fn store_error(path: &Path, cause: redb::Error) -> StoreError {
     use io::ErrorKind::{InvalidData, UnexpectedEof};

@@ -215,7 +215,7 @@ fn forget_half_snapshots(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Converts the engine's error into one that users of the store understand.
+/// Converts the engine's error into an error that users of the store understand.
 fn store_error(path: &Path, cause: sled::Error) -> StoreError {
     let sled::Error::Io(cause) = cause else { return damaged(path, &cause.to_string()) };
     // The engine reports the system errors of its threads as text.

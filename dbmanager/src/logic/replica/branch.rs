@@ -1,15 +1,15 @@
 //! The rules for branches: a peer has a different transaction under a number, knows more transactions of this replica than the replica
 //! itself, or has retired it.
 //!
-//! *Numbers used twice.* A store that was set back, and writes before it hears from others, reuses numbers that others already know. The
-//! two transactions are never mixed up. A transaction that does not follow, or that has seen the other one, is refused. The two replicas
-//! that disagree exchange the hashes by which they know each number ([`Chunk::Known`]). So an acknowledged write is never overwritten by a
-//! writer that never saw it, and each branch is rebased.
+//! *Numbers used twice.* If a store was set back, and writes before it has contact with other replicas, it reuses numbers that these
+//! already know. The two transactions are never mixed up. A transaction that does not follow, or that has seen the other one, is refused.
+//! The two replicas that disagree exchange the hashes by which they know each number ([`Chunk::Known`]). So an acknowledged write is never
+//! overwritten by a writer that never saw it, and each branch is rebased.
 //!
-//! *Branches that cannot be compared.* A log that is cut does not have the hash of an old number. If two replicas are known to disagree,
-//! the one with the larger origin starts again, and treats every number that it cannot compare as used twice. A state has only the hashes
-//! of its last numbers. So a replica that has seen an origin use a number twice remembers it, and takes over no state that has more
-//! transactions of this origin.
+//! *Branches that cannot be compared.* A log that is cut does not have the hash of an old number. If two replicas are known to
+//! disagree, the replica with the larger origin starts again, and treats every number that it cannot compare as used twice. A state
+//! has only the hashes of its last numbers. So a replica that has seen an origin use a number twice remembers it, and takes over no
+//! state that has more transactions of this origin.
 //!
 //! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than itself
 //! ([`Chunk::Fork`]), or it reports less than it reported before ([`Chunk::Behind`]). In both cases it starts again. The second sign is
@@ -28,9 +28,10 @@ use crate::logic::txn::ChainHash;
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeSet;
 
-/// Handles the hashes by which a member knows transactions. If one differs here, a store was set back, and both branches have spread. Then,
-/// of the two replicas, the one with the larger origin starts again with the state of the other one, and rebases its transactions. Returns
-/// no actions if all hashes agree, or the replica is already starting again.
+/// Handles the hashes by which a member knows transactions. If one differs here, a store was set
+/// back, and both branches have spread. Then the replica with the larger origin starts again with
+/// the state of the other replica, and rebases its transactions. Returns no actions if all hashes
+/// agree, or the replica is already starting again.
 pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let contents = ledger.contents();
     if !may_rejoin(ledger) {
@@ -62,7 +63,7 @@ fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<
     gives_up(ledger, from, &origins)
 }
 
-/// Resolves different branches of these origins: of the two replicas, the one with the larger origin starts again.
+/// Resolves different branches of these origins: of the two replicas, the replica with the larger origin starts again.
 fn gives_up(ledger: &Ledger, from: ReplicaId, origins: &BTreeSet<ReplicaId>) -> Vec<Action> {
     if origins.is_empty() {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! Snapshots: those that are offered to others, and the one that is being downloaded.
+//! Snapshots: the snapshots that are offered to other replicas, and the snapshot that is being downloaded.
 //!
 //! *Rule.* Chunks are named by their hashes, so the received chunks remain useful after a download was broken off. On a slow link
 //! one chunk is requested at a time. If chunks arrive quickly, or the link only has a long delay, more are requested.

@@ -91,7 +91,7 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
     }
 }
 
-/// Returns whether this replica gives up its own team for that of `from`, a different team of the same name.
+/// Returns whether this replica gives up its own team for the team of `from`, a different team of the same name.
 ///
 /// Only a replica that is alone in its team gives way: between teams with several members an operator decides. A founder gives
 /// way to a replica that was admitted; otherwise the larger origin gives way. So of two lone replicas exactly one gives way.

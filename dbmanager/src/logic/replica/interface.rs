@@ -61,7 +61,7 @@ pub enum Input {
     Found(Wall),
     /// From an operator: this origin will never write again.
     Retire(ReplicaId, Wall),
-    /// From an operator: this replica gives up its team for that of another replica.
+    /// From an operator: this replica gives up its team for the team of another replica.
     Join(ReplicaId, Wall),
     /// From an operator: dates have gone wrong, so begin a new epoch.
     HealClock(Wall),

@@ -1,14 +1,14 @@
 //! Commits the transactions of a rejoining replica again, under its new origin.
 //!
 //! *Rule.* A transaction is rebased if the old state and log have it, the new state and log lack it, and no member rebases
-//! it. These are the replica's own transactions, and those of origins that are not members. [`merge`] finds them, and
+//! it. These are the replica's own transactions, and the transactions of origins that are not members. [`merge`] finds them, and
 //! explains why nothing is lost or hidden. This module turns them into changes, which the replica commits under the admitted
 //! origin.
 //!
 //! The last of these transactions record up to which number the old origins were rebased. So a replica that returns later with
 //! the same transactions does not rebase them again. And an old name leads to a new one
 //! ([`Replica::name_of`](super::Replica::name_of)): the name of the transaction with which the last remaining part has arrived.
-//! Two replicas may return at the same time, with sponsors that do not hear of each other. Then both rebase the transaction; the
+//! Two replicas may return at the same time, with sponsors that have no contact with each other. Then both rebase the transaction; the
 //! copies have the same timestamp, and count as one among conflicts.
 //!
 //! *Deletions.* Some replicas may have dropped deletions that the returning replica had not seen, because it no longer counted.

@@ -99,7 +99,7 @@ fn note(unsettled: &mut Unsettled, relied: Dot, condition: Option<Condition>, ch
 /// A transaction that granted a prefix to a robot, or released it.
 struct Granted {
     dot: Dot,
-    /// The dots of the write, including those of its other lives.
+    /// The dots of the write, including the dots of its other lives.
     names: BTreeSet<Dot>,
     stamp: Timestamp,
     robot: Option<String>,

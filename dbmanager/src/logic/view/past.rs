@@ -149,7 +149,7 @@ impl When {
     }
 
     /// Returns the time of the first commit of a transaction. If it was rebased, the wall clock shows the time of the rebase.
-    /// Its timestamp is the one of its first life, and still orders its writes.
+    /// It has the timestamp of its first life, which still orders its writes.
     pub fn of_txn(txn: &Txn) -> Self {
         match &txn.rebase {
             Some(rebase) => Self { millis: rebase.stamp.millis(), trusted: false },

@@ -15,7 +15,7 @@
 //! doc = "largest force of the gripper"
 //! ```
 //!
-//! If several schemas match a key, the one with the longest pattern applies. If several have the longest, the one whose
+//! If several schemas match a key, the schema with the longest pattern applies. If several have the longest, the one whose
 //! first `+` comes last applies.
 //!
 //! *A schema is advice to writers.* It is checked before a commit, when the writer can still correct the value. Stored

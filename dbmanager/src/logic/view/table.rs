@@ -130,7 +130,7 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>, ahead: 
     blocks.join("\n\n")
 }
 
-/// Returns a date with its offset, unless that equals `told`, the one in the heading. A leading `~` means that no clock was
+/// Returns a date with its offset, unless the offset equals `told`, the offset in the heading. A leading `~` means that no clock was
 /// synchronised.
 fn when(when: When, ahead: Ahead, told: Option<i64>) -> String {
     if !when.is_known() {

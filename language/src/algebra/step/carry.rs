@@ -73,7 +73,7 @@ pub fn carry(old: (&Program, &State), next: &Program, gone: &BTreeSet<u32>) -> R
 struct Draft {
     cells: Vec<Cell>,
     seats: Vec<MemberState>,
-    /// The new node of each old one that is active.
+    /// The new node of each active old node.
     nodes: BTreeMap<usize, usize>,
     timers: BTreeMap<u32, u32>,
     ended: Vec<Command>,

@@ -43,8 +43,8 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         decided
     }
 
-    /// stop(C): what has not started is forgotten, what runs is asked to stop. The outcome, if nothing has to confirm, is
-    /// `Stopped` or that something could not.
+    /// stop(C): operands that have not started are forgotten, and operands that run are asked to stop. The outcome, if
+    /// nothing has to confirm, is `Stopped` or that something could not.
     pub(super) fn stop(&mut self, node: usize) -> Option<Outcome> {
         match (&self.program.nodes[node].kind, self.cell(node).phase) {
             (_, Phase::Idle) => Some(Outcome::Stopped),

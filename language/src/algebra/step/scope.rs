@@ -12,7 +12,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.pass(node, outcome)
     }
 
-    /// SHIELD: after a stop in the meantime, the operator around it hears that it has stopped, however it has ended.
+    /// SHIELD: after a stop in the meantime, the operator around it gets the outcome `stopped`, regardless of the real outcome.
     pub(super) fn shield(&mut self, node: usize, outcome: Outcome) -> Outcome {
         let is_held_up = self.cell(node).phase == Phase::Second;
         if is_held_up && let Kind::Shield { bound: Some(Bound { timer, .. }) } = self.program.nodes[node].kind {

@@ -38,7 +38,7 @@ impl ActivityReader<'_, '_> {
         }
     }
 
-    /// The transitions of a state, and those of the states inside it, as they stand in the text.
+    /// The transitions of a state and of the states inside it, in the order of the text.
     fn transitions_of(&mut self, node: &Node, state: usize) {
         for child in node.children().collect::<Vec<_>>() {
             if child.kind() == SyntaxKind::Transition {

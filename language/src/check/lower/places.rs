@@ -1,5 +1,5 @@
-//! Finds the place in the text of each node of a lowered expression. The order of the nodes is that of
-//! `expression::lower`.
+//! Finds the place in the text of each node of a lowered expression. The nodes have the same order
+//! as in `expression::lower`.
 
 use super::expression::{CHAIN_MAX, wait_first};
 use crate::check::spec::{Expr, ExprKind};

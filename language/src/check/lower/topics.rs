@@ -105,7 +105,7 @@ impl Topics {
         Some(bridge)
     }
 
-    /// Adds the bridges to a plan; returns what is wrong with their topics.
+    /// Adds the bridges to a plan. Returns the mistakes in their topics.
     pub(super) fn bridge(mut self, plan: &mut Plan) -> Vec<Diagnostic> {
         let Some((_, first)) = self.bridges.first().and_then(|bridge| bridge.routes.first()) else {
             return self.problems;

@@ -89,7 +89,7 @@ impl Word {
     }
 }
 
-/// The words of a sentence, including those of a formula.
+/// The words of a sentence, including the words of a formula.
 pub(crate) fn words_of(sentence: &Node) -> Vec<Word> {
     Words::new(sentence).all()
 }

@@ -1,9 +1,9 @@
-//! Event actions of two plans: whether they mean the same, and the ones that are wanted in the numbers of the plan that runs.
+//! Event actions of two plans: whether they have the same meaning, and the wanted event actions in the numbers of the running plan.
 
 use super::{Arm, DEADLINE, Expression};
 use crate::plan::{CatchArm, StateChart, StateRun};
 
-/// The numbers of one running group, by those of the wanted group.
+/// The numbers of one running group, by the numbers of the wanted group.
 pub(super) struct GroupNumbers {
     /// Slots of members.
     pub(super) slots: Vec<u32>,

@@ -1,4 +1,4 @@
-//! Parses activities: states, what they run, and their transitions.
+//! Parses activities: states, their runs, and their transitions.
 
 use super::Parser;
 use crate::diagnostic::Fix;

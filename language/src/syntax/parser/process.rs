@@ -175,7 +175,7 @@ impl Parser<'_> {
         }
     }
 
-    /// A misspelt section is read as what was meant; anything else is skipped.
+    /// A misspelt section is read as the intended section. Any other text is skipped.
     fn unknown_section(&mut self) {
         let span = self.span();
         let opens = self.kind(1) == LeftBrace || self.kind(1) == LeftParen;

@@ -4,7 +4,7 @@ use super::Parser;
 use crate::syntax::SyntaxKind::{self, End, Ident, RightBrace, Semicolon};
 
 impl Parser<'_> {
-    /// `verify Name { sentence; sentence; }`; inside a process the name is that of the process.
+    /// `verify Name { sentence; sentence; }`; inside a process, it has the name of the process.
     pub(super) fn properties(&mut self) {
         self.start(SyntaxKind::Verify);
         self.bump();

@@ -5,7 +5,7 @@
 pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     (
         "`P ; Q`",
-        "P done(v): Q starts, with nothing. Q's outcome is that of `P ; Q`.",
+        "P done(v): Q starts, with nothing. The outcome of Q is the outcome of `P ; Q`.",
         &[
             "P ; Q | start s: P(s) | P done v: Q() | Q done w: done(w)",
             "P ; Q | start s: P(s) | P done v: Q() | Q abort r: aborted(r)",
@@ -164,7 +164,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ("`P else Q`", "P done(v): done(v). Q does not start.", &["P else Q | start s: P(s) | P done v: done(v)"]),
     (
         "`P else Q`",
-        "P aborted(r): Q starts with r, as text. Q's outcome is that of `P else Q`.",
+        "P aborted(r): Q starts with r, as text. The outcome of Q is the outcome of `P else Q`.",
         &[
             "P else Q | start s: P(s) | P abort r: Q(r) | Q done w: done(w)",
             "P else Q | start s: P(s) | P abort r: Q(r) | Q abort q: aborted(q)",
@@ -210,7 +210,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P else match { ... }`",
-        "A stop goes to the one that runs.",
+        "A stop goes to the operand that runs.",
         &[
             "P else match { reported => Q } | start s: P(s) | stop: stop P | P abort r: stopped",
             "P else match { reported => Q } | start s: P(s) | P abort r: Q(r) | stop: stop Q | Q done w: stopped",

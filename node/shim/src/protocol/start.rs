@@ -52,7 +52,7 @@ pub struct SoftLimits {
     pub core: Option<u64>,
 }
 
-/// The limits of a program. Where a limit is missing, the program has that of the shim.
+/// The limits of a program. If a limit is missing, the program has the limit of the shim.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
     /// Addressable memory, in bytes.

@@ -56,7 +56,7 @@ impl Sessions {
         }
     }
 
-    /// Removes all entries except those of these boots.
+    /// Removes all entries except the entries of these boots.
     pub(super) fn keep(&self, holders: &BTreeMap<String, u64>) {
         let mut sessions = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         sessions.retain(|(host, boot), _| holders.get(host) == Some(boot));

@@ -36,7 +36,7 @@ pub(super) struct Resumed {
 /// Whether the user who signed the deployment may still have it: the key may have been revoked since.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Permission {
-    /// Not known yet. The question comes last, so that all hosts that know of a revocation have been heard before.
+    /// Not known yet. The question comes last, so that all hosts that know of a revocation have answered before.
     Unknown,
     /// Asked.
     Asked,

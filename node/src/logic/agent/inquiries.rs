@@ -2,8 +2,8 @@
 //!
 //! Only the home of a deployment has its events. Events of another host may still be on their way, or wait there for a
 //! home that was cut off or killed. So the home asks each host of its deployments. Messages of a host arrive in order,
-//! so its answer arrives after all its reports. A host whose node was killed answers once it has heard the shims of its
-//! programs again, which report the events of the time between.
+//! so its answer arrives after all its reports. A host whose node was killed answers once its new
+//! node has contact with the shims of its programs, which report the events in between.
 //!
 //! No host is waited for longer than [`WITHIN`]: a host that has not answered by then is named in the answer.
 

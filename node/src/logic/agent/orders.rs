@@ -117,7 +117,7 @@ impl Order {
 /// # Errors
 /// Why it cannot be read.
 pub(super) fn signed_request(signed: &Signed) -> Result<Request, String> {
-    let mut request = signed.request().map_err(|error| format!("what was signed cannot be read: {error}"))?;
+    let mut request = signed.request().map_err(|error| format!("cannot read the signed request: {error}"))?;
     let Ok((_, name)) = request::Request::peek(&signed.head) else { return Ok(request) };
     if let Request::Deploy { by, .. } = &mut request {
         *by = name.to_string();

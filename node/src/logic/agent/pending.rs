@@ -1,4 +1,4 @@
-//! The deployments that have not begun: each waits for its hosts, and one that is resumed also for permission.
+//! The deployments that have not begun. Each waits for its hosts, and a resumed deployment also waits for permission.
 
 use super::boot::Resumed;
 use super::peers::Peers;

@@ -59,7 +59,7 @@ impl Promises {
         }
     }
 
-    /// Asks the disk again, because a killed node has not heard the answers.
+    /// Asks the disk again, because a killed node has not received the answers.
     pub(super) fn unkeep_again(&self, out: &mut Out<'_>) {
         out.effects.extend(self.0.keys().map(|deployment| Effect::Unkeep { deployment: deployment.clone() }));
     }

@@ -49,7 +49,7 @@ impl Tombstones {
         }
     }
 
-    /// Forgets a tombstone that its home has heard of.
+    /// Forgets a tombstone that its home has received.
     pub(super) fn mourned(&mut self, deployment: &Deployment, home: &str, out: &mut Out<'_>) {
         let count = self.all.len();
         self.all.retain(|tombstone| tombstone.home != home || tombstone.deployment != *deployment);

@@ -45,7 +45,7 @@ pub(super) fn trimmed(mut commit: Commit, state: &State) -> Commit {
     commit
 }
 
-/// If the key is that of a beginning, returns the prefix of all deployments of its name, and its epoch.
+/// If the key belongs to a beginning, returns the prefix of all deployments of its name, and its epoch.
 fn beginning(key: &Key) -> Option<(String, u64)> {
     let (below, epoch) = key.as_str().strip_suffix("/begun")?.rsplit_once('/')?;
     let is_chronicle = below.starts_with("robot/") && below.split('/').nth(2) == Some("deployments");

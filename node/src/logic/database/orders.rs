@@ -141,7 +141,7 @@ impl Database {
         if self.replica.is_member() {
             let (robot, team) = (&self.place.robot, &self.place.team);
             Reply::Done(format!(
-                "the team `{team}` begins with `{robot}`; every other robot that hears it joins by itself"
+                "the team `{team}` begins with `{robot}`; every other robot that can reach this team joins by itself"
             ))
         } else {
             Reply::Refused("this robot was a member of a team before, and waits to be admitted again".to_owned())

@@ -30,13 +30,13 @@ impl OtherTeam {
         is_new
     }
 
-    /// Returns the name by which a robot was heard last.
+    /// Returns the name in the last message of a robot.
     fn replica(&self, now: Time, robot: &str) -> Option<ReplicaId> {
         let heard = self.0.iter().filter(|(_, (name, at))| name == robot && now.since(*at) < HEARD_WITHIN);
         heard.max_by_key(|(_, (_, at))| *at).map(|(origin, _)| *origin)
     }
 
-    /// Returns the robots that were heard recently, except those of the own team.
+    /// Returns the robots with recent messages, except the robots of the own team.
     pub(super) fn robots(&self, now: Time, is_own: impl Fn(&str) -> bool) -> Vec<String> {
         let late = self.0.values().filter(|(robot, at)| now.since(*at) < HEARD_WITHIN && !is_own(robot));
         late.map(|(robot, _)| robot.clone()).collect::<BTreeSet<_>>().into_iter().collect()
@@ -71,7 +71,7 @@ impl Teams<'_> {
         })
     }
 
-    /// Returns the robots that are heard at present and belong to another team of this name.
+    /// Returns the robots with recent messages that belong to another team of this name.
     pub(super) fn others(&self, now: Time) -> Vec<String> {
         let members = self.replica.members();
         self.other.robots(now, |robot| members.active().any(|(_, member)| member == robot))

@@ -284,7 +284,7 @@ pub struct Status {
     pub members: Vec<MemberStatus>,
     /// The alarms, the latest last.
     pub alarms: Vec<String>,
-    /// Robots that were heard recently and belong to another team of the same name.
+    /// Robots with recent messages that belong to another team of the same name.
     pub other_team: Vec<String>,
 }
 
@@ -325,7 +325,8 @@ pub struct MemberStatus {
     pub robot: String,
     /// The name under which the member writes.
     pub origin: ReplicaId,
-    /// How long ago the member was last heard. Nothing if it was not heard since the node was started, or is the replica that was asked.
+    /// How long ago the last message of the member came. Nothing if no message has come since the node was started, or
+    /// if the member is the asked replica.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
     /// The transactions of this replica that the member is not known to have.

@@ -9,7 +9,7 @@ use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::past::Past;
 use std::time::Duration;
 
-/// How long a replica is considered present after it was heard.
+/// How long a replica is considered present after a message from it.
 pub(super) const HEARD_WITHIN: Duration = Duration::from_secs(30);
 
 impl Database {

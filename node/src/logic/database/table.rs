@@ -78,7 +78,7 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     // A robot that has had two disks is listed twice until the older member is retired.
     let twice = status.members.iter().filter(|other| other.robot == member.robot).count() > 1;
     let name = if twice { format!("{} ({})", member.robot, member.origin) } else { member.robot.clone() };
-    // If a robot has several names, its present name is that of the asked replica, or else the name that was heard last.
+    // If a robot has several names, its present name is the name of the asked replica, or else the name in the last message.
     let rank = |one: &MemberStatus| (one.origin == status.origin, one.heard.map(Reverse));
     let is_older = status.members.iter().any(|other| other.robot == member.robot && rank(other) > rank(member));
     let pins = if is_older {

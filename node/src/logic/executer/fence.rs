@@ -3,7 +3,7 @@
 //! For its supervisor, a member on a lost host has failed, and the group proceeds. But it is unknown whether the member
 //! has stopped: it may run for as long as its spec allows. The same is true for a program that could not be ended: its
 //! stop is unconfirmed. So its resources stay reserved until the host has reported how the activation ended, the
-//! program has ended after all, or its home has heard that nothing of the deployment is left there. Fences fail closed:
+//! program has ended after all, or its home has received the confirmation that nothing of the deployment is left there. Fences fail closed:
 //! a host that never returns releases nothing, and neither does a program that never ends.
 //!
 //! Whether a member on another host has ended is known to its own supervisor alone. So if resources

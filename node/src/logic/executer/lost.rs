@@ -15,8 +15,8 @@ use std::time::Duration;
 const NUMBERS: u32 = 22;
 
 impl Executer {
-    /// Begins for the time `number` on this host: its numbers differ from those of the previous times, whose answers
-    /// may still be on their way.
+    /// Begins for the time `number` on this host. Its numbers differ from the numbers of the
+    /// previous times, whose answers may still be on their way.
     pub fn rejoins(&mut self, number: u32) {
         self.state = State::numbered_from(&self.program, Activation(number << NUMBERS));
         self.wires.number_from(u64::from(number) << 32);

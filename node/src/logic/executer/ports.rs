@@ -9,7 +9,7 @@ const SENDING_MAX: u64 = 128;
 /// The values on their way from an activity to the program that has its ports.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct PortLine {
-    /// The number of the last value that was ordered to be sent, and of the last one that was sent.
+    /// The number of the last value that was ordered to be sent, and of the last value that was sent.
     ordered: u64,
     sent: u64,
     /// Values that are not ordered yet.

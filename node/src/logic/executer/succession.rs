@@ -148,7 +148,7 @@ impl Executer {
         }
     }
 
-    /// Returns by slot the running leaves and those of the plan, if they differ.
+    /// Returns, by slot, the running leaves and the leaves of the plan, if they differ.
     fn pairs(&self, group: &Group) -> BTreeMap<u32, (u32, u32)> {
         let pair = |(slot, old)| Some((slot, (old, leaf_of(group, slot)?)));
         self.members.all_acting().filter_map(pair).filter(|(_, (old, new))| old != new).collect()

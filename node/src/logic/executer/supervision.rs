@@ -1,7 +1,7 @@
 //! The reaction of a group when a program of one of its members has died and is started again.
 //!
-//! Restarts happen below the event actions of the group: an activation outlives its program, and the expression hears
-//! nothing. The strategy of the group may restart programs of other members with it, since they may depend on state of
+//! Restarts happen below the event actions of the group: an activation outlives its program, and the expression gets no
+//! event. The strategy of the group may restart programs of other members with it, since they may depend on state of
 //! the dead one. A group allows a limited number of restarts within a time. When the limit is exceeded, the group stops
 //! everything and has aborted, and the group above decides.
 
@@ -77,7 +77,7 @@ pub(super) fn renew_others(group: u32, slot: u32, with: &str, context: ExecConte
     }
 }
 
-/// Returns whether a supervisor wants to hear of restarts of its members.
+/// Returns whether a supervisor wants reports of restarts of its members.
 pub fn wants_restarts(supervision: &Supervision) -> bool {
     *supervision != Supervision::default()
 }

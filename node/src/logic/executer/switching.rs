@@ -207,7 +207,7 @@ impl Executer {
         self.go_on(generation, context, out);
     }
 
-    /// Switches a running member to other connection sets of its own. The home hears the result.
+    /// Switches a running member to other connection sets of its own. The home gets the result.
     pub fn switch_sets(&mut self, slot: u32, sets: &[u32], call: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         match self.sets_to_switch(slot, sets, context) {
             Ok(difference) if difference.sets_closed.is_empty() && difference.sets_opened.is_empty() => {
@@ -431,7 +431,7 @@ impl Executer {
         }
     }
 
-    /// Closes what a switch has opened before its old sets were closed. The caller hears the reason.
+    /// Closes the sets that a switch has opened before its old sets were closed. The caller gets the reason.
     fn take_switch_back(&mut self, switch: &Switch, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         let plan = context.plan;
         let mut who: BTreeSet<u32> = switch.pending.expecting.clone();

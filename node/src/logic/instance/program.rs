@@ -346,7 +346,7 @@ impl Instance {
             self.finish(ending, context);
             self.is_up(context);
         } else if matches!(self.stage, Stage::Replacing { .. }) && is_current && ending != Ending::Stopped {
-            // The activation had ended before the program heard that another program takes its place.
+            // The activation had ended before the program was told that another program replaces it.
             self.finish(ending, context);
         }
     }

@@ -105,7 +105,7 @@ impl NameServer {
     fn attended(&self, now: Time) -> BTreeSet<String> {
         let helpers = self.helpers();
         let known = self.peers.keys().filter(|host| self.is_attended(now, host, &helpers));
-        // This includes close nodes that have never been heard.
+        // This includes close nodes that have never sent a message.
         known.chain(&self.close).cloned().collect()
     }
 

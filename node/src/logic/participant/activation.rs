@@ -1,9 +1,9 @@
 //! The activations that wait: for the moment of an aligned start, or for the home.
 //!
-//! An aligned start: nothing is activated after the first question for the clock, since a supervisor elsewhere may have heard of GO
-//! before. From GO on, supervisors prepare, so that wires are open and other hosts have their
-//! orders when the moment comes. Programs wait for the moment. A process that is stopped before has
-//! never begun.
+//! An aligned start: nothing is activated after the first question for the clock, because a
+//! supervisor on another host may have received GO before. From GO on, supervisors prepare, so that
+//! wires are open and other hosts have their orders when the moment comes. Programs wait for the
+//! moment. A process that is stopped before has never begun.
 //!
 //! A check-in: after its node was away for long, nothing begins until the home has answered, since the home may have given this host up.
 //! Running programs go on, and can be stopped. Restarts and activations wait.

@@ -256,7 +256,7 @@ impl Participant {
         }
     }
 
-    /// Starts programs of this host again, together with one that has died.
+    /// Starts programs of this host again, together with a program that has died.
     pub(super) fn renew(&mut self, leaves: &[u32], with: &str, out: &mut Out<'_>) {
         for leaf in leaves {
             self.with_instance(*leaf, out, |instance, context| instance.renew(with, context));
@@ -489,7 +489,7 @@ impl Participant {
         self.site.supervised_from(host).filter(|target| self.processes.contains(*target)).collect()
     }
 
-    /// Tells every program to go after an emergency stop. Supervisors on other hosts hear that as the cause.
+    /// Tells every program to go after an emergency stop. Supervisors on other hosts get this as the cause.
     pub fn stop_at_once(&mut self, estop: &Estop, out: &mut Out<'_>) {
         if self.phase == Phase::Leaving {
             return;

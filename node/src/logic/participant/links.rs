@@ -27,7 +27,7 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Links {
     pub(super) registrations: Registrations,
-    /// The wires that are linked: those of the connection sets, and during a change also those of the previous plan.
+    /// The linked wires: the wires of the connection sets, and during a change also the wires of the previous plan.
     live: BTreeSet<u32>,
     /// Open wires whose producers are here.
     open: BTreeSet<u32>,

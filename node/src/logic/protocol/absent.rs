@@ -45,7 +45,7 @@ pub struct OpenHost {
     pub host: String,
     /// Why the host has not confirmed this.
     pub why: Why,
-    /// How long ago its node last answered. Nothing if the node answers now, or if it was never heard.
+    /// How long ago its node last answered. Nothing if the node answers now, or has never answered.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
 }

@@ -29,7 +29,7 @@ impl Message {
     }
 
     /// Returns whether the message is final: a process has ended, everything has to end, or a host does not take part.
-    /// Such a message stays true, however late it arrives.
+    /// Such a message stays true, even if it arrives late.
     pub fn is_final(&self) -> bool {
         matches!(
             self.body,

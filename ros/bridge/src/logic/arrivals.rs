@@ -32,7 +32,7 @@ pub(crate) enum Refused {
     #[error("there are more static transforms than {0}")]
     Many(usize),
     /// It answers another request.
-    #[error("its attachment is that of another request")]
+    #[error("its attachment belongs to another request")]
     OtherRequest,
 }
 

@@ -123,7 +123,7 @@ fn what_is_no_response_is_refused() {
     for (attachment, end) in [
         (None, "it has no attachment, or one of another form"),
         (Some(vec![0; 32]), "it has no attachment, or one of another form"),
-        (Some(attachment(1_000, 1)), "its attachment is that of another request"),
+        (Some(attachment(1_000, 1)), "its attachment belongs to another request"),
     ] {
         let (query, answer) = call_known(&mut bridge, &queries);
         let reply = query.reply(query.key_expr().clone(), &whole[..]);

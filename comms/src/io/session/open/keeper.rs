@@ -312,7 +312,7 @@ async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) 
     }
 }
 
-/// Keeps a tunnel to an address, whichever session is there.
+/// Keeps a tunnel to an address, regardless of the session there.
 pub(super) async fn keep_place(place: Locator, dialler: Dialler, tunnels: Arc<Tunnels>) {
     let (name, mut there) = (place.to_string(), None::<String>);
     loop {

@@ -87,7 +87,7 @@ fn name_of(text: &Token, of: &str) -> Result<GraphName, Box<Diagnostic>> {
     })
 }
 
-/// Returns the quality of service; without one it is that of `reliable(10)`.
+/// Returns the quality of service. The default is `reliable(10)`.
 fn quality_of(topic: &Node) -> Result<Qos, Box<Diagnostic>> {
     let Some(node) = only(topic, SyntaxKind::TopicQuality, "qos")? else {
         return Ok(if is_service(topic) { SERVICE } else { Qos { depth: DEPTH, ..Qos::default() } });
