@@ -33,9 +33,9 @@ pub struct Arguments {
     /// A file to verify instead
     #[arg(long, value_name = "FILE")]
     verify: Option<PathBuf>,
-    /// A file of signed heads, such as `team/heads` in the state of another node: the records that they cover must be
-    /// there. May be given more than once; the files of nodes on this machine are checked as well. Their signatures are
-    /// checked, but not the signers' membership
+    /// A file of signed heads, such as `team/heads` in the state of another node; the log must have
+    /// the records that these heads cover May be given more than once; the files of nodes on this
+    /// machine are checked as well. Their signatures are checked, but not the signers' membership
     #[arg(long, value_name = "FILE", requires = "verify")]
     heads: Vec<PathBuf>,
 }

@@ -263,7 +263,7 @@ impl Client {
         Ok(Self { session, local: None, base: None, signing: Signing::default() })
     }
 
-    /// Returns the node of this machine that the connection goes through, if any.
+    /// Returns the node of this machine through which the connection goes. None if there is no such node.
     pub(crate) fn local(&self) -> Option<&str> {
         self.local.as_deref()
     }

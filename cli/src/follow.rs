@@ -37,7 +37,7 @@ use tokio::sync::mpsc;
 const OBSERVED_MAX: usize = 4096;
 /// The most values of ports that wait to be recorded. When there are as many, new values are left out. Values may be large.
 const PORTS_MAX: usize = 64;
-/// How often the home node is looked for, once it was not there.
+/// How often the command looks for the home node after the node was not found.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// The longest pause of the hosts while they send the rest of their programs' output after the end of the mission.
 const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
@@ -235,7 +235,7 @@ impl Watch {
         Err(self.lost())
     }
 
-    /// Returns the failure for an unreachable home node, which cannot be asked for an end either.
+    /// Returns the failure for an unreachable home node. Such a node also cannot be asked to end the mission.
     fn lost(&self) -> Failure {
         let (home, name, within) = (self.home.host(), &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(

@@ -113,7 +113,7 @@ impl Output {
     pub fn line(&mut self, line: &Line) {
         match line {
             Line::Live(text) if self.terminal => {
-                // The line flickers less if the rest is erased after the text is written, and not before.
+                // The line flickers less if the rest of the line is erased after the text is written.
                 self.write(&format!("\r{text}\x1b[K"));
                 self.live = true;
             }

@@ -56,7 +56,7 @@ pub(crate) struct Ended {
     pub(crate) unconfirmed: Vec<String>,
     /// Work outside of the programs that may continue.
     pub(crate) may_go_on: Vec<String>,
-    /// Why the stop was not successful; nothing if it was.
+    /// Why the stop was not successful. Nothing after a successful stop.
     pub(crate) failure: Option<Failure>,
 }
 

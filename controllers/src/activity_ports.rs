@@ -101,7 +101,7 @@ fn for_ever(text: &str) -> &'static str {
     Box::leak(text.to_owned().into_boxed_str())
 }
 
-/// Returns why an activity cannot take a value, if so.
+/// Returns why an activity cannot take a value. None if it can take the value.
 fn misfit(kind: &str, value: &[u8]) -> Option<Rejected> {
     let size = value.len();
     if size > SIZE_MAX {

@@ -68,7 +68,7 @@ messages! {
         up: [f64; 3] = "Number[3]",
         /// Whether the hand may give way upwards and downwards.
         upward: bool = "Truth",
-        /// Whether another law turns the hand about the vertical. Then compliance does not.
+        /// Whether another law turns the hand about the vertical. Then the compliance law does not move the hand.
         turned: bool = "Truth",
     }
     /// The arm's joints.

@@ -15,7 +15,7 @@ const WORK: Duration = Duration::from_millis(300);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(crate = "controllers::sdk::serde")]
 enum MachineCommand {
-    /// Make this part; repeated until it is there.
+    /// Make this part. The message is repeated until the part is made.
     Make { part: u32 },
     /// Open the doors and take out the jammed part.
     Clear,

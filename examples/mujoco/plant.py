@@ -111,7 +111,7 @@ class MujocoDoor:
     seed = dca.parameter(int, (0, 1_000_000_000), default=1)
 
     def __init__(self):
-        # The physics is there before the program says that it is.
+        # The physics is ready before the program reports that it is ready.
         self.world = World({"side": self.side, "swing": self.swing, "seed": str(self.seed)})
         self.told = []
 

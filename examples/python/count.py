@@ -21,6 +21,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    # An exception runs `finally`, which the default, a plain end, would not.
+    # An exception runs `finally`. The default, a plain end, would not run it.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     sys.exit(main())

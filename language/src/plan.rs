@@ -400,7 +400,7 @@ pub enum Expression {
         /// The operand.
         of: Box<Self>,
     },
-    /// `using(arm) P`: P runs once nothing else of the group that uses one of these does; first come, first served.
+    /// `using(arm) P`: P runs once no other process of the group uses one of these resources; first come, first served.
     Using {
         /// The resources, each once.
         resources: Vec<String>,
@@ -449,7 +449,7 @@ pub enum Expression {
     },
     /// `at least k of (P, Q, ...)`.
     AtLeast {
-        /// How many have to be done once all have ended.
+        /// How many operands have to be done when all operands have ended.
         count: u32,
         /// The operands.
         of: Vec<Self>,

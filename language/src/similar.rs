@@ -19,7 +19,7 @@ pub(crate) struct Near<'a> {
     pub(crate) name: &'a str,
     /// The next nearest names.
     pub(crate) others: Vec<&'a str>,
-    /// Whether the nearest name differs only in case and `_`, and no other candidate does.
+    /// Whether the nearest name, and no other candidate, differs only in case and `_`.
     pub(crate) is_same: bool,
 }
 

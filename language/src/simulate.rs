@@ -363,7 +363,7 @@ impl<'a> Simulation<'a> {
                 let transition =
                     if self.is_limit(timer) { Transition::Limited(after) } else { Transition::Waits(after) };
                 self.note(self.plan.groups[group].path.clone(), transition);
-                // The order of an activity's timers matters, so each is at least as long as on a robot.
+                // The order of an activity's timers matters, so each timer is at least as long as on a robot.
                 let least = if self.chart_of(group).is_some() { TIMER_LEAST } else { Duration::ZERO };
                 let due = self.now.saturating_add(after.max(least));
                 self.note_wait(timer, &Transition::Started);

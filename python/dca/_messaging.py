@@ -192,7 +192,7 @@ class Asked(Generic[A]):
 
     @property
     def done(self) -> bool:
-        """Whether the answer has arrived, or certainly will not."""
+        """Whether the answer has arrived, or will certainly not arrive."""
         return self._end is not None
 
     def result(self) -> A:

@@ -145,7 +145,7 @@ impl ProgramIdentity {
         self.news.send_replace(());
     }
 
-    /// Returns why a digest is not signed by a permitted visitor; none if it is.
+    /// Returns why a digest is not signed by a permitted visitor. None if it is signed by such a visitor.
     pub fn visit_problem(&self, proof: &Proof, digest: &Digest) -> Option<String> {
         let Some(credential) = &proof.credential else { return Some("it shows no credential".to_owned()) };
         match self.circle.delegation(&proof.key, credential) {

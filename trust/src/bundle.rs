@@ -65,7 +65,7 @@ pub enum BundleError {
 pub struct Holder<'a> {
     /// The certificate.
     pub certificate: &'a Certificate,
-    /// Until when the holder is trusted, or why it is not.
+    /// Until when the holder is trusted, or why the holder is not trusted.
     pub standing: Result<Standing, TrustError>,
 }
 

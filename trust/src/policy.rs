@@ -120,7 +120,7 @@ pub struct Start<'a> {
     pub user: &'a str,
     /// Whether that user is root.
     pub is_root: bool,
-    /// Why the program cannot run as another user; empty if it can.
+    /// Why the program cannot run as another user. Empty if it can run as another user.
     pub only: &'a str,
     /// The devices that the program claims.
     pub devices: &'a [String],

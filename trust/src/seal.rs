@@ -3,7 +3,7 @@
 //! A value is encrypted with a separate key (XChaCha20-Poly1305), and that key is encrypted once for each reader, as in
 //! age. The wrapping key comes from a key agreement (X25519) with a single-use key. The team, the path in the database,
 //! the generation and the list of readers are authenticated as well. So a value cannot be moved to another path, and no
-//! reader can be added. The seal does not prove the writer; the signature of the transaction does.
+//! reader can be added. The seal does not prove the writer. The signature of the transaction proves the writer.
 
 use crate::identity::{Entropy, KeyId, PublicKeys, SecretKeys, sealing_key, shared};
 use crate::wire::{FormError, Reader, Writer};

@@ -85,7 +85,7 @@ impl Team {
     }
 }
 
-/// A certificate and, unless the team's key has signed it, the certificate of the admin who has.
+/// A certificate and, unless the team's key has signed it, the certificate of the admin who has signed it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Chain {
     /// The subject's certificate.

@@ -92,7 +92,7 @@ pub(crate) struct Graph {
     labels: Vec<Label>,
     /// How many transitions were taken, including those that were not kept.
     pub(crate) transitions: u64,
-    /// The limit that ended the exploration, if one did.
+    /// The limit that ended the exploration. None if the exploration was complete.
     pub(crate) reached: Option<Reached>,
 }
 

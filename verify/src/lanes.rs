@@ -25,7 +25,7 @@ struct Bar {
     became: Became,
     from: usize,
     to: usize,
-    /// How the part ends; none if another part follows at once, or the story ends before.
+    /// How the part ends. None if another part follows at once, or if the story ends before.
     end: Option<Became>,
 }
 

@@ -43,7 +43,7 @@ pub(crate) struct Part {
     pub(crate) members: Vec<Seat>,
     /// Whether the part is a piece of a group. A piece reacts together with the part around it.
     pub(crate) is_piece: bool,
-    /// The possible ends, first if programs may fail, then if they do not; known after `ends`.
+    /// The possible ends: first with failures of programs, then without failures. Known after `ends`.
     pub(crate) ends: [Ends; 2],
     /// Whether the exploration is complete: no limit has ended it, here or in an inner part.
     pub(crate) is_whole: bool,

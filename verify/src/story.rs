@@ -187,8 +187,8 @@ fn host_name<'s>(system: &'s System<'_>, MemberRef { unit, member }: MemberRef) 
     host.and_then(|host| plan.hosts.get(host as usize)).map_or("", String::as_str)
 }
 
-/// Returns the running members, and the members that are being stopped. Groups that were explored in detail are left
-/// out; their members are not.
+/// Returns the running members, and the members that are being stopped. Groups that were explored
+/// in detail are left out, but their members are included.
 pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
     let (mut running, mut stopping) = (Vec::new(), Vec::new());
     for MemberRef { unit, member } in there(system, frame) {

@@ -200,8 +200,8 @@ pub(crate) struct System<'a> {
 }
 
 impl<'a> System<'a> {
-    /// Makes a system from a part and those parts below it for which `is_open` is true; the others become black boxes. Pieces
-    /// of an open group are open if anything in them is.
+    /// Makes a system from a part and those parts below it for which `is_open` is true; the others
+    /// become black boxes. Pieces of an open group are open if a part inside them is open.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
         let values = all_values(model);
         let mut system = Self {

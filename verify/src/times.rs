@@ -15,7 +15,7 @@ use std::time::Duration;
 pub(crate) struct Span {
     /// The shortest time until it is done; none if it is never done.
     pub(crate) done: Option<Duration>,
-    /// The longest time until it is done, if it ever is; none if it is not limited.
+    /// The longest time until the process is done. None without a limit, or if the process is never done.
     done_most: Option<Duration>,
     /// The shortest time until the end, in any way. None if the process ends only by a stop.
     pub(crate) end_least: Option<Duration>,

@@ -22,7 +22,7 @@ const UNKNOWN: &str = "unknown";
 pub struct Since {
     /// The moment, by the clock of the view.
     pub at: Time,
-    /// Whether an event has told the moment. Otherwise it was at this moment or before.
+    /// Whether an event has told the moment. Otherwise it happened at this time or earlier.
     pub is_exact: bool,
 }
 
@@ -118,7 +118,7 @@ pub(crate) struct Moment {
 /// The moments of a deployment, as events tell them, perhaps before any node has reported it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Moments {
-    /// When all of it was confirmed and began to run.
+    /// When the whole deployment was confirmed and began to run.
     pub(crate) began: Option<Time>,
     /// The last changes of its processes, by path.
     pub(crate) processes: BTreeMap<String, Moment>,
@@ -153,7 +153,7 @@ pub struct LiveDeployment {
     pub id: MissionId,
     /// The phase of each host that has a part of it.
     pub phases: BTreeMap<String, String>,
-    /// When all of it was confirmed and began to run, if an event has told.
+    /// When the whole deployment was confirmed and began to run. None if no event has reported this.
     pub began: Option<Time>,
     /// Its end, once it is over.
     pub end: Option<End>,
@@ -246,7 +246,7 @@ impl Process {
         }
     }
 
-    /// Returns whether everything but the moment is the same.
+    /// Returns whether everything except the time is equal.
     fn is_like(&self, other: &Self) -> bool {
         (&self.state, &self.kind, &self.host, self.pid, self.restarts)
             == (&other.state, &other.kind, &other.host, other.pid, other.restarts)

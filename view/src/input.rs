@@ -76,7 +76,7 @@ pub enum Input {
     },
     /// The values of an output were counted for a while.
     Measured(Measured),
-    /// A database has told how far other replicas are behind.
+    /// A database has reported how far other replicas are behind.
     Database {
         /// The nodes that its robot belongs to.
         fleet: Fleet,

@@ -200,7 +200,7 @@ impl Model {
         })
     }
 
-    /// Returns how a process of a deployment is. The state of a process on a host that does not answer is unknown.
+    /// Returns the health of a process of a deployment. The state of a process on a host that does not answer is unknown.
     pub fn health(&self, mission: &MissionId, process: &Process) -> Health {
         let is_here =
             self.robots.get(&mission.robot(&process.host)).is_some_and(|robot| robot.presence == Presence::Here);
@@ -276,7 +276,7 @@ impl Model {
         }
     }
 
-    /// Returns the deployments that a robot has a part of, or may have.
+    /// Returns the deployments of which a robot has, or may have, a part.
     fn on(&self, robot: &RobotId) -> impl Iterator<Item = &MissionId> {
         let is_there = |live: &&LiveDeployment| live.id.fleet == robot.fleet && live.is_on(&robot.host);
         self.deployments.values().filter(is_there).map(|live| &live.id)
@@ -308,7 +308,7 @@ impl Model {
         }
     }
 
-    /// Takes note that a host has no part of a deployment any more. A deployment without a host has ended so.
+    /// Takes note that a host has no part of a deployment any more. A deployment without a host has ended in this way.
     fn leave(&mut self, now: Time, id: &MissionId, host: &str, end: &str) {
         let number = self.position.number;
         let Some(live) = self.deployments.get_mut(id) else { return };

@@ -1,4 +1,4 @@
-//! The words for reports, for changes of processes and for endings. The progress line, the record and the page use the same.
+//! The words for reports, for changes of processes and for endings. The progress line, the record and the page use the same words.
 
 use comms::logic::human::span;
 use dbmanager::logic::view::date;

@@ -18,7 +18,7 @@ pub(crate) fn clean(text: &str) -> String {
     shown.chars().take(TEXT_MAX - 1).chain(['…']).collect()
 }
 
-/// Returns whether a name can be shown and used without a change. Every name in a spec can.
+/// Returns whether a name can be shown and used without a change. Every name in a spec can have this form.
 pub(crate) fn is_name(name: &str) -> bool {
     !name.is_empty() && name.len() <= NAME_MAX && one_line(name) == name
 }

@@ -48,7 +48,7 @@ impl Differs {
     }
 }
 
-/// Compares which processes there are.
+/// Compares the lists of processes.
 fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
     let all = |plan: &Plan| -> BTreeMap<String, &'static str> {
         let groups = plan.groups.iter().map(|group| (group.path.clone(), "group"));
@@ -58,7 +58,7 @@ fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
     first(&all(recorded), &all(spec), who, |kind| format!("is a {kind} only in the record"))
 }
 
-/// Returns the first entry that differs, or that only one of the sides has. `differs` describes a difference, given the
+/// Returns the first entry that differs, or that only one side has. `differs` describes a difference, given the
 /// entry of the record.
 fn first<T: PartialEq>(
     recorded: &BTreeMap<String, T>,

@@ -33,7 +33,7 @@ impl Recording {
         }
     }
 
-    /// Prints once that the record breaks off, if it does: the mission continues.
+    /// If the record breaks off, prints this once. The mission continues.
     pub(super) fn watch(&mut self, output: &mut Output) {
         if !self.is_broken_off && self.recorder.as_ref().is_some_and(Recorder::has_broken_off) {
             self.is_broken_off = true;

@@ -107,7 +107,7 @@ impl Keys {
         Ok(Self { requests, pressed, is_waiting: false })
     }
 
-    /// Returns the next keys; no keys if none was pressed for a short time.
+    /// Returns the next keys. Returns no keys if no key was pressed for a short time.
     ///
     /// # Errors
     /// The terminal does not exist any more.

@@ -34,7 +34,7 @@ pub(crate) struct Exchange {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct HostClock {
     host: String,
-    /// How many seconds the clock is ahead of the clock here; negative if it is behind.
+    /// How many seconds the clock is ahead of the clock of this machine. Negative if it is behind.
     ahead: f64,
     /// The largest possible error of `ahead`, in seconds.
     error_max: f64,

@@ -1,8 +1,9 @@
 //! The page that shows a run: one HTML file with inline SVG, to be opened anywhere and years later.
 //!
 //! It loads nothing from the network. The same run gives the same bytes. Every picture shares one axis of time, with
-//! the phases as bands behind it. A small script moves one cursor through all of them and reads the curves out; without
-//! the script everything but the cursor is there. Nothing is shown by colour alone.
+//! the phases as bands behind it. A small script moves one cursor through all of them, and shows
+//! the values of the curves. Without the script, only the cursor is missing. Nothing is shown by
+//! colour alone.
 
 pub(crate) mod axis;
 mod curves;

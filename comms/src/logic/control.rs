@@ -25,7 +25,7 @@ use std::time::Duration;
 /// The longest value that a process may pass on to the next process, in bytes.
 pub const VALUE_MAX: usize = 1 << 20;
 
-/// Returns why a process may not pass on a value of `size` bytes; none if it may.
+/// Returns why a process may not pass on a value of `size` bytes. None if this is allowed.
 pub fn too_large(size: usize) -> Option<String> {
     (size > VALUE_MAX).then(|| format!("it leaves a value of {size} bytes; {VALUE_MAX} are allowed"))
 }
@@ -296,7 +296,7 @@ pub enum Order {
     Judged {
         /// The number of the question.
         number: u64,
-        /// The reason, for people, why the user may not; none if the user may.
+        /// The reason, for people, why the user may not do this. None if the user may do it.
         refusal: Option<String>,
     },
     /// The fate of a [`Notice::Message`].

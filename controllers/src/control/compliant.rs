@@ -48,7 +48,7 @@ pub struct Guide {
     pub up_in_tool: Vector3<f64>,
     /// Whether the hand may give way upwards and downwards.
     pub upward: bool,
-    /// Whether another law turns the hand about the vertical. Then compliance does not.
+    /// Whether another law turns the hand about the vertical. Then the compliance law does not move the hand.
     pub turned: bool,
 }
 

@@ -292,7 +292,7 @@ impl Opening {
         }
     }
 
-    /// The turn of a hand that pushes about the lever, once it may.
+    /// The turn about the lever of a hand that pushes, once the hand may turn.
     fn turn(&self, stance: &Stance, rotation: &UnitQuaternion<f64>) -> Turn {
         let turn = Swivel::new(&self.hand.start, self.left).turn(stance, self.hinge.beside(), self.hinge.radius());
         match self.swing() {

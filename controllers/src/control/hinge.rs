@@ -28,8 +28,8 @@ const CURVATURE_RATE: f64 = 2.0;
 const BEND_RATE: f64 = 0.06;
 /// The share of the observed curvature that replaces the estimated one at each observation.
 const SEEN: f64 = 0.1;
-/// The greatest angle between the direction and the axis of the hand (rad): for a hand that turns with the door, and
-/// for a hand that does not.
+/// The greatest angle between the direction and the axis of the hand (rad): for a hand that turns
+/// with the door, and for a hand that does not turn.
 const BESIDE_MAX: (f64, f64) = (0.5, 1.5);
 /// The range of the curvatures of doors (1/m): radii of 0.33 to 2 m.
 const CURVATURE: (f64, f64) = (0.5, 3.0);

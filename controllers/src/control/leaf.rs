@@ -9,8 +9,8 @@
 //! - A wall with an opening that the leaf would fit shows how far the leaf is open. A law that begins with a half-open
 //!   door learns the angle in this way.
 //! - Any other line, such as a side wall, shows only how far the leaf turns from now on. A wall
-//! on only one side of the leaf proves nothing. In a corner, the side wall begins at the edge of a
-//! shut leaf, and this looks like an open leaf, where the wall begins at the hinge.
+//!   on only one side of the leaf proves nothing. In a corner, the side wall begins at the edge of a
+//!   shut leaf, and this looks like an open leaf, where the wall begins at the hinge.
 //!
 //! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction
 //! is that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.

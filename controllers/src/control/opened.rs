@@ -18,10 +18,10 @@
 //! which may slip in two ways. The angle that slip can have added is bounded and is subtracted: [`Watch::slip`].
 //!
 //! First, the wheels may spin without turning the base. A turn that the wheels report, but the base does not make,
-//! turns the remembered wall by the same angle. Such a turn contradicts neither the hand nor the laser. No sensor bounds
-//! it, so all of it counts. Wheels that only drive do not change the angle. So a steady base, as
-//! [`super::redundancy::Motion`] defines it, keeps this part small. If its wheels slip, the hand is led astray and
-//! feels it.
+//! turns the remembered wall by the same angle. Such a turn contradicts neither the hand nor the laser. No sensor
+//! bounds this angle, so the whole angle is counted. Wheels that only drive do not change the angle. So a steady
+//! base, as [`super::redundancy::Motion`] defines it, keeps this part small. If its wheels slip, the hand is led
+//! astray and feels it.
 //!
 //! Second, the wheels may slide. A base that turns by d without its wheels also turns the hand, so the path of the
 //! handle seems to curve by up to d more or less. Over an arc a of the door the estimated radius of the hinge is r

@@ -68,8 +68,9 @@ pub struct Sweep {
 pub enum Failure {
     /// The leaf does not stay where it was let go.
     Closes,
-    /// The base would pass with less than the margin. The first value is the missing width (m). The second value is the
-    /// angle by which the leaf has to be open (rad), if any angle helps.
+    /// The base would pass with less than the margin. The first value is the missing width (m). The
+    /// second value is the angle to which the leaf has to be open (rad). None if no angle is
+    /// enough.
     Narrow(f64, Option<f64>),
     /// The two sides of the opening are not seen.
     Unseen,

@@ -78,14 +78,14 @@ impl Active {
     }
 }
 
-/// Begins a fault once its trigger is there.
+/// Begins a fault once its trigger has occurred.
 fn begin(since: &mut Option<Time>, is_triggered: bool, now: Time) {
     if is_triggered {
         since.get_or_insert(now);
     }
 }
 
-/// Returns whether a fault that lasts for a span (s) is there.
+/// Returns whether a fault that lasts for a span (s) is active.
 fn lasts(since: Option<Time>, now: Time, span: f64) -> bool {
     since.is_some_and(|since| now.since(since).as_secs_f64() < span)
 }

@@ -19,7 +19,7 @@ pub struct Gripper {
     /// Between the fingers (m).
     width: f64,
     target: f64,
-    /// With which the fingers press (N), and with which they may.
+    /// The force with which the fingers press (N), and the largest allowed force.
     force: f64,
     force_max: f64,
     /// The largest force that they can (N), and their speed (m/s).
@@ -57,7 +57,7 @@ impl Gripper {
         self.force
     }
 
-    /// Sends the fingers to a width (m); they press with no more than `force` (N), nor than they can.
+    /// Sends the fingers to a width (m); they press with at most `force` (N), and with at most the force that they can exert.
     pub fn close_to(&mut self, width: f64, force: f64) {
         if !width.is_finite() || !force.is_finite() {
             return;

@@ -63,7 +63,7 @@ struct Pending {
     until: Time,
 }
 
-/// Changes of which either all or none are made, and their conditions.
+/// Changes with their conditions. Either all changes are made, or none.
 #[derive(Clone, Debug)]
 pub struct Transaction {
     transaction: comms::logic::database::Transaction,

@@ -99,7 +99,7 @@ pub struct Harness {
 /// Sees each value that leaves an output.
 type Listener = dyn FnMut(&Sent<'_>);
 
-/// A value that leaves an output, connected or not.
+/// A value that leaves an output, also if the output is not connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sent<'a> {
     /// The time of its calculation.

@@ -109,8 +109,8 @@ impl<T: Message> In<T> {
         self.value.as_ref().filter(|_| self.arrivals.is_fresh_within(now, age_max))
     }
 
-    /// Returns whether the input lacks a value that is at most `age_max` old at `now`: none has arrived, or the last
-    /// one is too old.
+    /// Returns whether the input lacks a value that is at most `age_max` old at `now`: no value has
+    /// arrived, or the last value is too old.
     pub fn stale(&self, now: Time, age_max: Duration) -> bool {
         self.fresh_within(now, age_max).is_none()
     }

@@ -103,7 +103,7 @@ impl Clock {
         Self { origin, epoch: last.epoch, last: last.hlc, reference: None }
     }
 
-    /// Issues the next timestamp; `None` if none is left, which only a forged timestamp can cause.
+    /// Issues the next timestamp. `None` if no timestamp is left, which only a forged timestamp can cause.
     pub fn tick(&mut self, now: Time, wall: Wall) -> Option<Timestamp> {
         let lift = if self.follows(now, wall) { wall.millis.checked_mul(1 << COUNTER_BITS).unwrap_or(0) } else { 0 };
         let next = match self.last.checked_add(1) {

@@ -5,8 +5,9 @@
 //! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key that it writes, it
 //! takes away the versions whose dot is in `ctx`, and adds its own. A transaction that was rebased from another life of its replica (see
 //! [`merge`](crate::logic::merge)) removes fewer versions: within `ctx`, it removes only deletions and the versions that it names. A read
-//! shows the version with the largest timestamp. Versions with different values are a conflict. Versions with the same value are not:
-//! several replicas that resolve a conflict in the same way, or rebase the same write, make no new conflict.
+//! shows the version with the largest timestamp. Versions with different values are a conflict.
+//! Versions with the same value are not a conflict. So several replicas that resolve a conflict in
+//! the same way, or rebase the same write, make no new conflict.
 //!
 //! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`. This relation between writes is fixed when `w` is committed. `w ▷ v`
 //! requires `v` in `w`'s context, which must be here before `w` is applied. So in each pair, `v` is applied first. So after any

@@ -55,7 +55,7 @@ pub(super) fn include(
     if let Some((package, file)) = in_package(&elsewhere.text)
         && (found.open.is_some() || file.ends_with(".py"))
     {
-        // The package and the file are known, although the folder is not.
+        // The package and the file are known, although the folder is unknown.
         importer.fixed(Value { open: None, ..elsewhere }).unwrap_or_default();
         let program = node::launch_file(importer, entity, [&package, &file], arguments);
         return Ok(program.map(|program| importer.start(program, steps)));

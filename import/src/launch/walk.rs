@@ -180,7 +180,7 @@ impl Importer<'_> {
         Ok(value.text)
     }
 
-    /// Returns an attribute that is fixed in the spec; none if it is not there.
+    /// Returns an attribute that is fixed in the spec. None if the attribute is missing.
     pub(super) fn text(&mut self, entity: &Entity, name: &str) -> Result<Option<String>, Skipped> {
         let Some(written) = entity.get(name) else { return Ok(None) };
         let value = self.value(written);

@@ -98,7 +98,7 @@ fn skipped(context: &mut Context<'_>, node: Node<'_>, around: Around, attribute:
     }
 }
 
-/// The children that are skipped if their node is: the last one of a `TryCatch` only cleans up.
+/// The children that are skipped if their node is skipped: all children, except the last child of a `TryCatch`, which only cleans up.
 fn row<'a>(node: Node<'a>, id: &str) -> Vec<Node<'a>> {
     let mut children: Vec<Node<'_>> = elements(node).collect();
     if id == "TryCatch" {
@@ -130,7 +130,7 @@ fn is_skippable(context: &Context<'_>, node: Node<'_>) -> Result<bool, ImportErr
 fn skipped_children(context: &mut Context<'_>, node: Node<'_>, around: Around) -> Result<(), ImportError> {
     let id = id_of(context, node)?;
     let children = row(node, id);
-    // The children of these have a remark each, or end the node as the tree does.
+    // Each child of these nodes has a remark, or ends the node as in the tree.
     let is_noted = inside(id, children.len(), around) == Around::Other;
     if children.is_empty() || is_noted || is_same(id, children.len(), around) {
         return Ok(());

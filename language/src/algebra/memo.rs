@@ -30,7 +30,7 @@ pub struct Effect {
     pub writes: Vec<(u32, u64)>,
     /// The orders of the supervisor.
     pub commands: Vec<Command>,
-    /// How the group has ended, if it has.
+    /// How the group has ended. None if it has not ended.
     pub outcome: Option<Outcome>,
 }
 

@@ -6,10 +6,10 @@
 //! the outcome's value (8), how many operands are waited for (26) and how many are done (26).
 //!
 //! Where a state is stored, half a byte a node says its phase and the kind of its outcome. If the values of outcomes matter, a
-//! byte a node follows with the number of the value. Then the queue of `using`, three bytes a place, and of an activity eight
-//! bytes that say where it is. All other data follows from these words: the counts of operands follow from their
-//! phases, and seats and holders follow from the active nodes. The numbers of activations are left out, because no rule
-//! reads them: they are all 1. Of an abort its report is kept.
+//! byte a node follows with the number of the value. Then the queue of `using`, three bytes for each place, and for an
+//! activity eight bytes with its state. All other data follows from these words: the counts of operands follow from
+//! their phases, and seats and holders follow from the active nodes. The numbers of activations are left out, because
+//! no rule reads them: they are all 1. Of an abort its report is kept.
 
 use super::charts::Charts;
 use super::event::{Activation, Cause, Outcome, Reason, Value};
@@ -311,7 +311,7 @@ impl Packing {
         self.nodes + self.members + self.places + self.resources
     }
 
-    /// Returns where an activity is; none if the program is not one.
+    /// Returns the state of an activity. None if the program is not an activity.
     pub fn chart(&self, program: &Program, words: &Words) -> Option<Box<Configuration>> {
         let word = words.words.get(self.chart_start()).copied().unwrap_or(0);
         Some(Box::new(self.charts.as_ref()?.configuration(program.automaton()?, word)))

@@ -359,8 +359,10 @@ impl Program {
         Kind::Using { taken: start..self.taken.len() }
     }
 
-    /// The service rules, upward from the members. `any k of` is one when fewer than `k` operands are tasks, `&` when
-    /// one operand is, since it waits for all of them, `match` when every arm is; `fail` and `wait` end by themselves.
+    /// The service rules, upward from the members. `any k of` is a service if fewer than `k`
+    /// operands are tasks. `&` is a service if one operand is a service, because it waits for all
+    /// operands. `match` is a service if every arm is a service. `fail` and `wait` end by
+    /// themselves.
     fn infer_service(&self, node: usize, members: &[Member]) -> bool {
         let mut services = self.operands(node).map(|operand| self.nodes[operand].service);
         match &self.nodes[node].kind {

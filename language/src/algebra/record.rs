@@ -13,7 +13,7 @@ pub struct StepRecord {
     pub event: Event,
     /// The commands that were carried out, in order.
     pub commands: Vec<Command>,
-    /// How the group ended, if it did.
+    /// How the group ended. None if it has not ended.
     pub outcome: Option<Outcome>,
     /// Whether a value was too long, so that its end was left out.
     pub is_cut: bool,

@@ -48,7 +48,7 @@ pub struct State<C = Vec<Cell>, S = Vec<MemberState>> {
     pub(super) queue: Vec<usize>,
     /// For each thing that `using` takes, the node that has it.
     pub(super) holders: Vec<Option<usize>>,
-    /// Where an activity is; none if the group is not an activity.
+    /// The state of an activity. None if the group is not an activity.
     pub(super) chart: Option<Box<Configuration>>,
 }
 
@@ -134,7 +134,7 @@ impl State {
         (self.timers.get(timer as usize).copied().unwrap_or_default(), armed)
     }
 
-    /// Returns where an activity is; none if the group is not an activity.
+    /// Returns the state of an activity. None if the group is not an activity.
     pub fn chart(&self) -> Option<&Configuration> {
         self.chart.as_deref()
     }

@@ -54,11 +54,11 @@
 //!
 //! Seven points are settled here in addition to the study:
 //! - **Unconfirmed stops are never swallowed.** If a stopping leaf cannot confirm its stop, it
-//! yields `aborted(StopUnconfirmed)`. A drain takes the first such outcome of its operands as its
-//! own outcome, and a later stop does not erase this outcome. So a
-//! group that is asked to stop never reports `Stopped` when one of the leaves it waited for did not
-//! confirm. Once such an abort is the outcome of an operand, it is treated like any other abort: an
-//! `else` may tolerate it, and a join may drop it.
+//!   yields `aborted(StopUnconfirmed)`. A drain takes the first such outcome of its operands as its
+//!   own outcome, and a later stop does not erase this outcome. So a
+//!   group that is asked to stop never reports `Stopped` when one of the leaves it waited for did not
+//!   confirm. Once such an abort is the outcome of an operand, it is treated like any other abort: an
+//!   `else` may tolerate it, and a join may drop it.
 //! - **`stop(P else Q)` forgets `Q` for good**, even when stopping `P` ends in such an abort.
 //! - **A `;;` or `repeat` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it
 //!   enters each of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a
@@ -68,10 +68,10 @@
 //! - **`::` goes at once too**: of an instantaneous source, `skip ::[n] Q`, as many Q run as there are places. If they
 //!   are instantaneous too, [rec-instant] holds for it as for `;;`.
 //! - **What `finally` runs is not stopped.** A stop that comes before or during this part waits for
-//! it, as for a `shield`. If the part may take too long, the spec can limit it:
-//! `P finally (Q within 5 s)`.
+//!   it, as for a `shield`. If the part may take too long, the spec can limit it:
+//!   `P finally (Q within 5 s)`.
 //! - **One reaction grants at most as many times as there are `using`s**, so that loops which hand something to each
-//!   other in no time cannot hang a node; further grants wait for the next event. No spec that was checked gets there.
+//!   other in no time cannot hang a node; further grants wait for the next event. No checked spec reaches this limit.
 
 mod carry;
 mod chart;

@@ -136,7 +136,7 @@ pub(crate) struct Damage {
     pub(crate) external: bool,
     pub(crate) connections: bool,
     pub(crate) actions: bool,
-    /// An event action names something that is not there.
+    /// An event action names a process that does not exist.
     pub(crate) names: bool,
 }
 
@@ -322,7 +322,7 @@ pub(crate) struct Module {
     pub(crate) is_service: bool,
     /// Whether it declares a normal end.
     pub(crate) has_end: bool,
-    /// Whether it keeps state from one calculation to the next that a program which is started again does not have.
+    /// Whether it keeps state from one calculation to the next, which a restarted program would lack.
     pub(crate) remembers: bool,
     /// Its normal ends, when it has several.
     pub(crate) outcomes: Vec<Outcome>,

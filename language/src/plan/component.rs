@@ -105,7 +105,7 @@ impl Plan {
     /// Returns the plan with the wanted programs of one host, and no other change.
     ///
     /// # Errors
-    /// Every obstacle, as [`difference`] has it; or that nothing differs there.
+    /// Every obstacle, as in [`difference`], or the message that nothing differs.
     pub fn changed_on(&self, wanted: &Self, host: &str) -> Result<Self, Vec<String>> {
         let next = difference(self, wanted)?.plan;
         let still = next.live_leaves();

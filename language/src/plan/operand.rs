@@ -21,7 +21,7 @@ pub struct Given {
 /// One way on in a `match`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Arm {
-    /// The tag that it is taken for; without one for every tag that no arm before has.
+    /// The tag of the arm. An arm without a tag takes every tag that no earlier arm has.
     pub tag: Option<String>,
     /// The expression that starts, with the value behind the tag; without a tag, with the whole value.
     pub body: Expression,

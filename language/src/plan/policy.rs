@@ -93,7 +93,7 @@ pub enum Restart {
 /// The reaction of a program to hosts of its supervisors that cannot be reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LinkLoss {
-    /// The program stops when they are lost, and leaves when its home is.
+    /// The program stops when these hosts are lost, and leaves when its home is lost.
     #[default]
     Leave,
     /// The program continues.

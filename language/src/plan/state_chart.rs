@@ -296,7 +296,7 @@ impl StateChart {
         })
     }
 
-    /// Returns whether the activity is done when its states inside are.
+    /// Returns whether the activity is done when its states inside are done.
     pub(crate) fn completes(&self) -> bool {
         can_complete(&self.chart.states, 0)
     }

@@ -32,7 +32,7 @@ macro_rules! kinds {
                 }
             }
 
-            /// Returns which event action a node is; nothing if it is none.
+            /// Returns the kind of event action of a node. Nothing if the node is not an event action.
             pub(crate) fn operator(self) -> Option<Operator> {
                 match self {
                     $(Self::$name => None,)*

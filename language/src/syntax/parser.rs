@@ -75,7 +75,7 @@ struct Parser<'t> {
     diagnostics: Vec<Diagnostic>,
     /// How many remarks found no room.
     omitted: usize,
-    /// Where the text is damaged, reported or not.
+    /// Where the text is damaged, also if this was not reported.
     damage: Vec<Span>,
     /// Where the last error was found.
     reported_at: Option<usize>,

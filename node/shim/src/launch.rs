@@ -68,7 +68,7 @@ pub(crate) fn launch(start: &ShimStart) -> ExitCode {
     ExitCode::from(REFUSED)
 }
 
-/// Why a program that ended with this exit code was not even started, if so.
+/// Why the program was not even started, if this exit code says so.
 pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
     if code != i32::from(REFUSED) {
         return None;

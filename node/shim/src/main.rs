@@ -228,8 +228,8 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes the instance directory this shim's, makes the program's control group, and lets agents attach; returns the
-/// reason if it cannot.
+/// Takes the instance directory for this shim, makes the program's control group, and lets agents
+/// attach. Returns the reason if this fails.
 fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group), String> {
     let failed = |action: &str, name: &str, error: &io::Error| {
         format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
@@ -287,7 +287,7 @@ struct Program {
     pidfd: OwnedFd,
 }
 
-/// Starts the program, or returns the reason why not.
+/// Starts the program, or returns the reason why it cannot be started.
 fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
     let name = start.command.first().ok_or("there is no program")?;
     if !start.working_directory.is_dir() {

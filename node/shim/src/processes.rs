@@ -64,8 +64,9 @@ pub fn descendants(all: &[Stat], roots: impl IntoIterator<Item = i32>) -> BTreeS
     found
 }
 
-/// Returns every process below `root`. The kernel's own lists of children make its cost independent of how many other
-/// processes the machine has; a kernel may be built without them. Source: proc_tid_children(5).
+/// Returns every process below `root`. With the kernel's own lists of children, the cost does not
+/// depend on the number of other processes on the machine. A kernel may be built without these
+/// lists. Source: proc_tid_children(5).
 pub fn below(root: i32) -> BTreeSet<Process> {
     if !has_child_lists(root) {
         return descendants(&all(), [root]);

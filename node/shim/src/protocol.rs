@@ -59,7 +59,7 @@ pub const AGENT_LOSS_GRACE: Duration = Duration::from_secs(1);
 /// When the program is executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gate {
-    /// At once; it waits by itself, as controllers do.
+    /// At once. The program waits by itself, as a controller does.
     None,
     /// After [`ShimOrder::Go`].
     Exec,
@@ -118,7 +118,7 @@ pub enum ShimReport {
 /// The first line of an agent that attaches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AttachRequest {
-    /// How many reports of this shim it has.
+    /// How many reports of this shim the agent has.
     pub reports: u64,
 }
 

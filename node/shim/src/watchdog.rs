@@ -89,7 +89,7 @@ impl Watchdog {
         }
     }
 
-    /// Returns why the program is to be ended now, if so.
+    /// Returns why the program must be ended now. None if it may continue.
     pub(crate) fn look(&mut self, now: Time) -> Option<EndReason> {
         self.pass(now);
         // A start with its own time limit may use it.

@@ -100,7 +100,7 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns why nothing can be installed here; nothing if it can.
+/// Returns why the service cannot be installed here. Nothing if it can be installed.
 fn refusal(is_root: bool, has_systemd: bool) -> Option<String> {
     if !has_systemd {
         return Some(format!("systemd does not run this machine (there is no `{BOOTED}`)"));

@@ -87,7 +87,7 @@ pub struct Config {
     pub database: DatabaseConfig,
     /// The log of the process, if it is this node's alone.
     pub log: Option<Log>,
-    /// The service manager that has started it, if one has.
+    /// The service manager that has started the node. None if no service manager has started it.
     pub service: ServiceManager,
 }
 
@@ -222,7 +222,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
             }
             asked = leave.wait_for(|leave| *leave), if !leaving => {
                 leaving = true;
-                // If the sender is gone, no one can ask again, which means the same.
+                // If the sender is gone, there can be no more requests, which has the same meaning.
                 drop(asked);
                 Some(Input::Leave)
             }

@@ -40,7 +40,7 @@ pub(crate) enum Event {
     Losses(Connection, Counted),
     /// The messages that a program has dropped because the other ends of its wires have not sealed them.
     Refused(Connection, Vec<Refused>),
-    /// A user wants to call a procedure of a program. The program asks, with this number, whether the user may.
+    /// A user wants to call a procedure of a program. The program asks, with this number, whether the user may make the call.
     Judge(Connection, ControlSender, u64, UserCall),
     /// The epoch of a deployment is in the journal, or the reason why it is not.
     Committed(Deployment, Result<(), String>),

@@ -6,7 +6,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 /// The number of SIGHUP. Source: signal(7), Linux.
 const HANGUP: u32 = 1;
 
-/// SIGTERM and SIGINT. Also SIGHUP, unless the parent of this process made it ignored, as nohup(1) does.
+/// SIGTERM and SIGINT. Also SIGHUP, unless the parent of this process made the process ignore it, like nohup(1).
 #[derive(Debug)]
 pub(crate) struct Leave {
     terminate: Signal,

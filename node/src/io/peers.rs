@@ -231,7 +231,7 @@ impl Peers {
         self.calls.remove(&call)
     }
 
-    /// Returns the session. The database also uses it, and closes before the session does.
+    /// Returns the session. The database also uses it, and closes before the session closes.
     pub fn session(&self) -> &Arc<Session> {
         &self.session
     }

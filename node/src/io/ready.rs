@@ -9,7 +9,7 @@ use tokio::task::JoinSet;
 /// How long it takes to find the interfaces that are up.
 const FOUND_WITHIN: Duration = Duration::from_millis(500);
 
-/// Announces that the node is ready. If other hosts should find the node, waits until they can.
+/// Announces that the node is ready. If other hosts should find the node, waits until they can find it.
 pub(super) fn announce(peers: &Peers, reach: &Reach, ready: watch::Sender<bool>, tasks: &mut JoinSet<()>) {
     if matches!(reach, Reach::Host) {
         ready.send_replace(true);

@@ -185,7 +185,7 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     if fs::symlink_metadata(base).is_ok() {
         check_own(base)?;
     }
-    // Sockets need absolute paths. If the base cannot be made absolute, it has no entries either.
+    // Sockets need absolute paths. If the base cannot be made absolute, it also has no entries.
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let mut nodes: Vec<(String, PathBuf)> = entries

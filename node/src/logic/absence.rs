@@ -52,7 +52,7 @@ struct End {
 pub struct Absence {
     host: String,
     gone: BTreeMap<String, LostHost>,
-    /// Hosts whose nodes announced that they leave, and that nothing is left to run there.
+    /// Hosts whose nodes announced that they leave, and that no program runs on after this.
     left: BTreeSet<String>,
     ends: BTreeMap<Deployment, End>,
     ask_at: Time,

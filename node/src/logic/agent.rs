@@ -190,7 +190,7 @@ impl Agent {
         self.peers.beaten()
     }
 
-    /// Continues in another process, with the programs that the new process offers, in a team or not.
+    /// Continues in another process, with the programs that the new process offers, and with or without a team.
     pub fn move_to(&mut self, pid: u32, programs: Programs, is_guarded: bool) {
         (self.identity.pid, self.programs, self.identity.is_guarded) = (pid, programs, is_guarded);
     }
@@ -205,7 +205,7 @@ impl Agent {
         self.participants.values().map(Participant::visits).sum()
     }
 
-    /// Returns when [`Input::Tick`] is wanted as exactly as can be: programs begin then.
+    /// Returns the time at which [`Input::Tick`] must come as exactly as possible, because programs begin at this time.
     pub fn starts_at(&self) -> Option<Time> {
         self.participants.values().filter_map(Participant::starts_at).min()
     }
@@ -340,7 +340,7 @@ impl Agent {
         running.chain(self.past.conflicts(deployment, claims)).collect()
     }
 
-    /// Returns why this node begins nothing, if that is so.
+    /// Returns why this node begins no deployment. None if it may begin a deployment.
     fn obstacle(&self, now: Time) -> Option<String> {
         self.peers.namesake().or_else(|| self.stopped.obstacle()).or_else(|| self.run.crash_loop(now))
     }

@@ -281,7 +281,7 @@ impl Database {
         self.disk.durable(&self.replica)
     }
 
-    /// Returns why the database does not write, if that is so.
+    /// Returns why the database does not write. None if it writes.
     pub fn closed(&self) -> Option<&str> {
         self.disk.closed()
     }
@@ -337,7 +337,7 @@ impl Database {
         Ok(from)
     }
 
-    /// Answers with the present values of keys, then with the place where they stand, and begins to watch from there.
+    /// Answers with the present values of keys, and then with their position in the log, and begins to watch from this position.
     fn follow(&mut self, call: u64, keys: Keys, effects: &mut Vec<Effect>) {
         let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
         let first = match &keys {

@@ -77,11 +77,11 @@ pub enum Effect {
         /// The frame.
         frame: Box<Frame>,
     },
-    /// Ask other nodes whether they are there.
+    /// Ask other nodes whether they are present.
     Ping {
         /// The number of the question.
         round: u64,
-        /// The names of the nodes that are asked; none if all are asked.
+        /// The names of the asked nodes. None if all nodes are asked.
         only: Option<BTreeSet<String>>,
         /// Whether some of the asked nodes may not know yet who asks.
         shows: bool,

@@ -189,7 +189,7 @@ impl Executer {
         self.run.activation
     }
 
-    /// Takes the ending of a member. Returns how the group ended, if it did.
+    /// Takes the ending of a member. Returns how the group ended. None if it has not ended.
     pub fn ended(
         &mut self,
         run: MemberRef,
@@ -231,7 +231,7 @@ impl Executer {
         self.react(event, context, out)
     }
 
-    /// Takes note that the program of a member has died and is started again. Returns how the group ended, if it did.
+    /// Takes note that the program of a member has died and is started again. Returns how the group ended. None if it has not ended.
     pub fn member_restarted(
         &mut self,
         slot: u32,
@@ -255,7 +255,7 @@ impl Executer {
         None
     }
 
-    /// Lets time pass. Returns how the group ended, if it did.
+    /// Lets time pass. Returns how the group ended. None if it has not ended.
     pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(context, out);
         self.tick_switches(context, out);

@@ -105,7 +105,7 @@ pub struct Instance {
     program: Program,
     /// The activation whose end could not be confirmed.
     unconfirmed: Option<u32>,
-    /// Why the last activation failed, if it did.
+    /// Why the last activation failed. None if it did not fail.
     failed: Option<FailureCause>,
     /// The replacement that is started when this program is gone.
     next: Option<Start>,
@@ -252,7 +252,7 @@ impl Instance {
         self.current.is_some()
     }
 
-    /// Returns whether a program is there that has said where it is.
+    /// Returns whether there is a program that has reported its address.
     pub fn has_program(&self) -> bool {
         !matches!(self.stage, Stage::Starting { .. } | Stage::Waiting { .. } | Stage::Dead)
     }
@@ -297,7 +297,7 @@ impl Instance {
         earliest(earliest(of_stage, self.probation_until()), self.program.clearing)
     }
 
-    /// Kills a shim that has not ended its program in time; says whether it had not been killed before.
+    /// Kills a shim that has not ended its program in time. Returns whether the shim had not been killed before.
     fn kill_shim(&mut self, context: &mut InstanceContext<'_>) -> bool {
         let (Stage::Stopping { until, forced: true }
         | Stage::Leaving { until, forced: true }
@@ -442,7 +442,7 @@ impl Instance {
         is_told && self.joined && self.is_controller() && !self.restarts.are_allowed()
     }
 
-    /// Returns why it cannot be activated, if so.
+    /// Returns why the process cannot be activated. None if it can be activated.
     fn obstacle(&self) -> Option<FailureCause> {
         let takes_part = match self.stage {
             Stage::Dead if self.is_renewable() => true,

@@ -133,7 +133,7 @@ fn is_same(given: &Constant, text: &str) -> bool {
     }
 }
 
-/// Returns the sentence that an instance has no such parameter, with the parameters that it has.
+/// Returns the sentence that an instance has no such parameter. The sentence also lists its parameters.
 pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus], name: &str) -> String {
     let all: Vec<&str> = parameters.iter().map(|status| status.parameter.name.as_str()).collect();
     let (path, module) = (without_main(&instance.path), &instance.module);

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// A machine of a [`TimedMap`].
 pub trait Timed {
-    /// Returns when the machine wants to be called, if it does.
+    /// Returns the time at which the machine must be called. None if there is no such time.
     fn deadline(&self) -> Option<Time>;
 
     /// Returns whether the machine will have no more effects.

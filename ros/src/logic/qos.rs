@@ -61,7 +61,7 @@ pub enum History {
 /// How a publisher shows that it lives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Liveliness {
-    /// It need not: its process lives.
+    /// This is not necessary, because its process lives.
     Automatic,
     /// It says so, for each topic.
     ManualByTopic,

@@ -1,6 +1,6 @@
 //! Checks sentences in a recorded run, instead of in every order of events.
 //!
-//! The order of the events of one supervisor is known; the order between two supervisors is not. So a run can decide a
+//! The order of the events of one supervisor is known. The order of the events of two supervisors is not known. So a run can decide a
 //! sentence only if the sentence names members of one group and forbids something, or is a formula that can be
 //! violated at some position.
 

@@ -14,7 +14,7 @@ pub(super) enum Goal {
     Together(Vec<ProcessRef>),
     /// Forbidden: two of these processes really run at the same time, even if their supervisors do not know it.
     BesideEachOther(Vec<ProcessRef>),
-    /// Forbidden: the first process runs while the second does not.
+    /// Forbidden: the first process runs while the second process does not run.
     Without(ProcessRef, ProcessRef),
     /// Forbidden: the process starts although the event has never happened.
     Before(ProcessRef, Occurrence),

@@ -305,7 +305,7 @@ fn parts(limit: Duration) -> Vec<Duration> {
     vec![limit, limit * 3 / 4, limit / 2, limit / 4]
 }
 
-/// Returns the new text, in parentheses if the old one was.
+/// Returns the new text, in parentheses if the old text was in parentheses.
 fn keep(old: &str, new: String) -> String {
     if inside(old).is_some() { format!("({new})") } else { new }
 }

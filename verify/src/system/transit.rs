@@ -2,10 +2,11 @@
 //!
 //! A supervisor sends the order to start a member to the node of the member's host. Until that node takes the order, the
 //! member does not run, although its supervisor counts it as active. A group that has ended reports this to the
-//! supervisor around it, which treats the group as running until the report arrives. The end of a program counts from
-//! the moment at which its supervisor learns of it, because no other process knows it before. Messages between two hosts
-//! keep their order. A message in transit on a lost link may arrive until the receiving node has
-//! noticed the loss. The rules come from `node/src/logic`: `link`, `executer`, `participant`.
+//! supervisor around it, which treats the group as running until the report arrives. The end of a
+//! program has effect from the moment at which its supervisor learns of it, because no other
+//! process knows it before. Messages between two hosts keep their order. A message in transit on a
+//! lost link may arrive until the receiving node has noticed the loss. The rules come from
+//! `node/src/logic`: `link`, `executer`, `participant`.
 
 use super::reaction::{failed, is_unconfirmed, unconfirmed};
 use super::{Frame, Label, Occupant, System, Value, small};

@@ -77,7 +77,7 @@ impl LiveMission {
         }
     }
 
-    /// Takes the present state in; returns it if it is another than before. `origin` is when the clock of the model began.
+    /// Stores the present state. Returns the state if it has changed. `origin` is when the clock of the model began.
     pub(super) fn look(&mut self, model: &Model, live: &LiveDeployment, origin: Duration) -> Option<Published> {
         self.is_over = live.end.is_some();
         let state = state(model, live, origin);

@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// An order.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Order {
-    /// Read parameters: all, if none is named.
+    /// Read the named parameters, or all parameters if no name is given.
     Parameters {
         names: Vec<String>,
     },

@@ -1,4 +1,4 @@
-//! The parameters of the nodes that answer, and the nodes that do not.
+//! The parameters of the nodes that answer, and the nodes that do not answer.
 
 use super::protocol::ParameterValue;
 use std::collections::{BTreeMap, BTreeSet};

@@ -72,7 +72,7 @@ pub(super) struct Playback {
     pub(super) position: Duration,
     pub(super) speed: f64,
     pub(super) has_jumped: bool,
-    /// The name of the request that is answered, if one is.
+    /// The name of the answered request. None if the message answers no request.
     pub(super) request: String,
 }
 

@@ -90,7 +90,7 @@ impl Viewer {
         }
     }
 
-    /// Returns whether it wants a value of a channel that arrived then.
+    /// Returns whether the client wants a value of a channel that arrived at this time.
     pub(super) fn wants(&self, channel: u32, arrived: Time) -> bool {
         self.subscriptions.get(&channel).is_some_and(|one| one.since <= arrived)
     }
@@ -113,7 +113,7 @@ impl Viewer {
         self.subscriptions.keys().copied()
     }
 
-    /// Begins to follow parameters: all, if none is named.
+    /// Subscribes to the named parameters, or to all parameters if no name is given.
     pub(super) fn follow(&mut self, names: Vec<String>) {
         self.follows_all |= names.is_empty();
         for name in names {
@@ -123,7 +123,7 @@ impl Viewer {
         }
     }
 
-    /// Ends to follow parameters: all, if none is named.
+    /// Unsubscribes from the named parameters, or from all parameters if no name is given.
     pub(super) fn unfollow(&mut self, names: &[String]) {
         if names.is_empty() {
             self.follows_all = false;

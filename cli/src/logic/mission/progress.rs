@@ -136,7 +136,7 @@ impl Progress {
 fn fitted(mut lines: Vec<Line>, style: Style) -> Vec<Line> {
     if let Style::Terminal(width) = style {
         for line in &mut lines {
-            // A live line must not wrap, because it could not be drawn again then. Other lines may wrap.
+            // A live line must not wrap, because a wrapped line cannot be drawn again. Other lines may wrap.
             if let Line::Live(text) = line {
                 *text = cut(text, width.saturating_sub(1));
             }

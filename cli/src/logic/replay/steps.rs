@@ -18,7 +18,7 @@ const ACTIVATIONS_MAX: usize = 8;
 pub(crate) struct Recorded {
     /// The steps, in the form of a stand-in's file.
     pub(crate) steps: Vec<u8>,
-    /// How many values of each output can be played, and how many cannot.
+    /// How many values of each output can be played, and how many cannot be played.
     pub(crate) counts: BTreeMap<String, Counts>,
     /// How many activations there are.
     activations: usize,

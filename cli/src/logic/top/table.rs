@@ -19,7 +19,7 @@ pub(crate) struct Column {
 /// The width of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Width {
-    /// As its widest cell, and at most so.
+    /// As wide as the widest cell, but at most this width.
     UpTo(usize),
     /// The same; the column is left out where there is little room.
     Spare(usize),

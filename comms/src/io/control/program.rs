@@ -1,4 +1,4 @@
-//! The program's end of the control channel. Reading an order blocks; sending a notice never does.
+//! The program's end of the control channel. Reading an order blocks. Sending a notice never blocks.
 
 use super::{ControlError, Outbox, READ_SIZE, check_user, is_gone, not_yet};
 use crate::io::clock::now;
@@ -166,7 +166,7 @@ impl OrderReceiver {
             wait(&mut ready, until.into_iter().chain(self.stuck_at).min())?;
             let [stream, filled] = ready.map(|one| one.revents());
             if !filled.is_empty() {
-                // After an error here, the descriptor is not readable any more either.
+                // After an error here, the descriptor is also no longer readable.
                 rustix::io::read(&channel.filled, &mut [0; 8]).unwrap_or_default();
             }
             if stream.contains(PollFlags::OUT) {

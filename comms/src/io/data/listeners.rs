@@ -13,7 +13,7 @@ pub(crate) struct Listeners {
     changed: Condvar,
 }
 
-/// The kinds of subscribers that are there.
+/// The kinds of the present subscribers.
 #[derive(Clone, Copy, Debug, Default)]
 struct Matching {
     by_zenoh: bool,

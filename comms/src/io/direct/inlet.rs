@@ -117,7 +117,7 @@ impl Inlets {
             let ready = self.poll(&streams, until);
             self.is_waiting.store(false, Ordering::SeqCst);
             if ready.is_called {
-                // After an error here, the descriptor is not readable any more either.
+                // After an error here, the descriptor is also no longer readable.
                 rustix::io::read(&self.doorbell, &mut [0; 8]).unwrap_or_default();
             }
             if ready.has_arrived {

@@ -33,7 +33,7 @@ pub(super) struct Shared {
     pub(super) guard: Option<Guard>,
     /// Whether the programs at the other ends of wires have changed since the thread last checked.
     has_keys: AtomicBool,
-    /// Readable once the thread has something to do.
+    /// Readable once the thread has work.
     control: OwnedFd,
     pub(super) is_over: AtomicBool,
     pub(super) lives: AtomicU32,

@@ -347,7 +347,7 @@ fn address(locator: &Locator) -> Option<SocketAddr> {
     locator.address().as_str().parse().ok().filter(|_| locator.protocol().as_str() == "tcp")
 }
 
-/// Dials each announced session of the same kind. Nodes of teams announce no names, other nodes do.
+/// Dials each announced session of the same kind. Nodes of teams announce no names. Other nodes announce their names.
 fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl Fn(NearbyNode) {
     move |NearbyNode { session, name, at }| {
         let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };

@@ -40,7 +40,7 @@ pub enum Author {
 }
 
 impl Author {
-    /// Returns why this is not a message of the member `claimed`, for people; none if it is.
+    /// Returns, for people, why this is not a message of the member `claimed`. None if it is such a message.
     pub fn problem(&self, claimed: &str) -> Option<String> {
         match self {
             Self::Anybody => None,

@@ -100,7 +100,7 @@ struct State {
     pull: Option<(Query, u32, bool)>,
     /// When the caller was last answered.
     answered: Time,
-    /// Whether the caller is to be sent that the server is still there.
+    /// Whether the server sends signs of life to the caller.
     is_here: bool,
     /// Whether no more answers will be given.
     is_dropped: bool,

@@ -136,7 +136,7 @@ impl Outgoing {
         self.end.get_or_insert(end);
     }
 
-    /// Notes that no more answers come. If the stream has not ended before, the caller gets no end either.
+    /// Notes that no more answers come. If the stream has not ended before, the caller also gets no end.
     pub(super) fn abandon(&mut self) {
         if self.tally.count() > 0 {
             self.end(End::Broken("it went away in the middle".to_owned()));

@@ -22,7 +22,7 @@ pub struct Header {
     pub recipient: String,
     /// A message with a greater number goes first.
     pub priority: u8,
-    /// Connects a reply with its request: both have the same number. 0 in all other messages.
+    /// Connects a reply with its request: both messages have the same number. 0 in all other messages.
     pub marker: u64,
 }
 

@@ -1,6 +1,6 @@
 //! The client's side of a resource lock.
 //!
-//! The client considers the lock as held for less time than the server does. The client counts the lease from when it
+//! The client considers the lock as held for a shorter time than the server. The client counts the lease from when it
 //! *sent* the answered request; the server counts it from when it received the request. The client may still be wrong,
 //! because it may be suspended between a look at [`LockClient::held`] and its command. So the command carries the
 //! fencing number, and the resource checks that.

@@ -1,4 +1,4 @@
-//! The attempts at a door: gently first, then harder; in the direction that has moved the door further, if one has.
+//! The attempts at a door: gently first, then harder; in the direction that has moved the door further, if the door has moved.
 
 use crate::control::swing::{Attempt, Opens, Swing};
 
@@ -23,7 +23,7 @@ pub(super) struct Attempts {
 }
 
 impl Attempts {
-    /// Begins with the first attempt at a door that opens so.
+    /// Begins with the first attempt at a door that opens in this direction.
     pub(super) fn new(opens: Opens) -> Self {
         let ((swing, limits), left) = (opens.attempts()[0], opens.attempts()[1..].to_vec());
         Self { swing, limits, is_first: true, left, pulled: 0.0, pushed: 0.0 }

@@ -61,7 +61,7 @@ impl Travel {
     }
 
     /// Takes a motion of `dt` (s), and returns the way of the handle in it (m). The wheels' motion counts only as far as the
-    /// hand can have moved. Until the door has certainly moved, the possible give of the grasp does not count either.
+    /// hand can have moved. Until the door has certainly moved, the possible play of the grasp is subtracted.
     pub(super) fn advance(&mut self, motion: &HandMotion, attempts: &Attempts, dt: f64) -> f64 {
         let HandMotion { speed, commanded, pull } = motion;
         let side = side(attempts.swing());

@@ -67,7 +67,7 @@ impl Anchor {
             let step = last.inv_mul(&ours);
             let most = JUMP + dt;
             if step.translation.vector.norm() > most || step.rotation.angle() > most {
-                // The odometry was started again: the base has not moved, but its frame has.
+                // The odometry was started again: the base has not moved, but the frame of the odometry has changed.
                 self.ours_from_odometry = Some(last * odometry_from_base.inverse());
                 self.jumps += 1;
                 ours = last;

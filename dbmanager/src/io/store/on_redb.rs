@@ -11,7 +11,7 @@
 //! grows, it is synced before any content depends on the new length.
 //!
 //! *Additions.* The engine checks checksums only if it was not closed properly, and may panic over damage; this adapter
-//! checks all of them at every opening. The engine never syncs the folder; every opening of a store does. The engine
+//! checks all of them at every opening. The engine never syncs the folder. Every opening of a store syncs the folder. The engine
 //! treats an empty file as a new one; this adapter does not if a witness shows that the file had content.
 
 use super::dir::{Opened, Records};

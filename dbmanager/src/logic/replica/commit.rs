@@ -98,7 +98,7 @@ impl CommitPipeline {
         self.clock.move_to(origin);
     }
 
-    /// Begins a new epoch; returns false if none was left.
+    /// Begins a new epoch. Returns false if no epoch is left.
     pub(super) fn heal(&mut self) -> bool {
         self.clock.heal()
     }

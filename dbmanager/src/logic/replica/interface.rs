@@ -76,7 +76,7 @@ pub enum Answer {
     Committed(Dot),
     /// The transaction has reached the requested level.
     Reached(Dot),
-    /// The transaction has not reached the level in time, but still may. It stays committed.
+    /// The transaction has not reached the level in time, but may still reach it. It stays committed.
     Pending(Dot),
 }
 

@@ -190,8 +190,8 @@ impl PeerTable {
         self.ahead(origin, now + PULL_AFTER_PUSH);
     }
 
-    /// Notes an answer. `full` is its size in bytes if it was a full one, which shows how fast the link is. An answer of transactions has
-    /// the `number` of its pull; a repeated answer is ignored.
+    /// Notes an answer. `full` is the size of the answer in bytes if the answer was full. This shows how fast the link
+    /// is. An answer of transactions has the `number` of its pull; a repeated answer is ignored.
     pub(super) fn answered(
         &mut self,
         now: Time,

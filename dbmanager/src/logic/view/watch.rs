@@ -7,10 +7,10 @@
 //!
 //! *Why it is right.* The log returns the transactions beyond a version vector in the order of application, which is causal, and
 //! each transaction has one name. So each is reported once, and after all transactions that it had seen. There are two ways to
-//! miss some, and both are reported. The log may have dropped transactions that were not taken yet ([`Notification::Lagged`]). Or
-//! the replica may have started again with the state of another ([`Notification::Replaced`]). In both cases the watcher reads the
-//! state, and continues from there. A name changes if a robot was retired while it was away. A transaction that was reported under
-//! the old name is not reported again.
+//! miss changes, and both are reported. The log may have dropped transactions that were not taken yet ([`Notification::Lagged`]).
+//! Or the replica may have started again with the state of another ([`Notification::Replaced`]). In both cases the watcher reads
+//! the state, and continues from there. A name changes if a robot was retired while it was away. A transaction that was reported
+//! under the old name is not reported again.
 
 use super::as_of::AsOfError;
 use super::past::{HistoryEntry, Keys, Past};

@@ -40,7 +40,7 @@ pub struct Carried {
     pub ended: Vec<Command>,
     /// The commands that begin members, with the new numbers of timers.
     pub begun: Vec<Command>,
-    /// How the group has ended by that, if it has.
+    /// How this has ended the group. None if the group continues.
     pub outcome: Option<Outcome>,
 }
 
@@ -288,7 +288,7 @@ impl Carrying<'_> {
         }
     }
 
-    /// Whether the two nodes and all that is below them mean the same.
+    /// Whether the two nodes, with all nodes below them, have the same meaning.
     fn is_same(&mut self, o: usize, n: usize) -> bool {
         let (old, new) = (self.program, self.next);
         let length = old.nodes[o].end - o;
@@ -320,7 +320,7 @@ impl Carrying<'_> {
         self.switch_sets(&self.program.sets_always, &self.next.sets_always);
     }
 
-    /// Opens and closes the sets that only one of two has.
+    /// Opens and closes the sets that only one of the two nodes has.
     fn switch_sets(&mut self, old: &[u32], new: &[u32]) {
         let only =
             |of: &[u32], other: &[u32]| of.iter().copied().filter(|set| !other.contains(set)).collect::<Vec<_>>();

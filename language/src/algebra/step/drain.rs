@@ -43,8 +43,9 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         decided
     }
 
-    /// stop(C): operands that have not started are forgotten, and operands that run are asked to stop. The outcome, if
-    /// nothing has to confirm, is `Stopped` or that something could not.
+    /// stop(C): operands that have not started are forgotten, and operands that run are asked to
+    /// stop. If no operand has to confirm, the outcome is `Stopped`, or the report that an operand
+    /// could not confirm.
     pub(super) fn stop(&mut self, node: usize) -> Option<Outcome> {
         match (&self.program.nodes[node].kind, self.cell(node).phase) {
             (_, Phase::Idle) => Some(Outcome::Stopped),

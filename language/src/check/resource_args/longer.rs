@@ -78,7 +78,7 @@ fn uses(spec: &Spec, holds: &[Vec<Vec<Held>>], process: usize, name: &str) -> bo
 fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
     match &expr.kind {
         ExprKind::Using(taken, part) => taken.contains(&resource) || throughout(part, holds, resource),
-        // The member that gets the resource uses it. If it holds it for too long, this is reported there.
+        // The member that gets the resource uses it. If the member holds the resource for too long, this is reported there.
         ExprKind::Run(slot, _) => {
             holds.get(*slot).is_some_and(|held| held.iter().any(|held| held.resource == resource))
         }

@@ -35,7 +35,7 @@ enum State {
     New,
     /// The group is on the path from the start of the walk.
     Open,
-    /// All groups below this group are known. The number is how many levels they are.
+    /// All groups below this group are known. The number of levels.
     Closed(usize),
 }
 

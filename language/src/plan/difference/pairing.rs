@@ -116,7 +116,7 @@ impl<'a> Pairing<'a> {
         Some(number)
     }
 
-    /// Returns the number of a leaf that no member has: its earlier number, if it is the same again.
+    /// Returns the number of a leaf that no member has. If the leaf has not changed, this is its earlier number.
     pub(super) fn number(&mut self, next: Leaf) -> Option<u32> {
         let is_it = |number: &u32| {
             let leaf = self.plan.leaves.get(*number as usize);

@@ -32,7 +32,7 @@ pub struct ShimStart {
     pub sandbox: Sandbox,
     /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
     pub groups: Vec<PathBuf>,
-    /// The soft limits that the node has changed for itself, as they were before.
+    /// The earlier values of the soft limits that the node has changed for itself.
     pub before: SoftLimits,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,

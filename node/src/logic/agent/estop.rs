@@ -35,7 +35,7 @@ impl Stopped {
         self.by.as_ref()
     }
 
-    /// Returns why this node begins nothing, if that is so.
+    /// Returns why this node begins no deployment. None if it may begin a deployment.
     pub(super) fn obstacle(&self) -> Option<String> {
         let by = self.by.as_ref()?;
         Some(format!("{by}; `dca estop --release` lets programs begin again"))

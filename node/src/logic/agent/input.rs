@@ -14,7 +14,7 @@ use std::time::Duration;
 /// An input of an agent.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Input {
-    /// A node's token is there.
+    /// A node's token has appeared.
     Appeared {
         /// Its name.
         host: String,
@@ -28,14 +28,14 @@ pub enum Input {
         /// Its boot number.
         boot: u64,
     },
-    /// A node asks whether this one is there. The driver has already answered.
+    /// A node asks whether this node is present. The driver has already answered.
     Ping {
         /// Its name.
         host: String,
         /// Its boot number.
         boot: u64,
     },
-    /// A node answers that it is there.
+    /// A node answers that it is present.
     Pong(Box<Pong>),
     /// The report of another node of the same name about its deployments.
     Namesake(Box<Namesake>),

@@ -1,11 +1,11 @@
 //! Another node of this one's name: two robots that were set up alike, or two parts of a network that meet after a cut.
 //!
-//! Neither node takes on anything while both are there, since it would be unclear which of them is
-//! meant. Once a second, each of the two nodes tells the other which deployments it runs. If a
-//! deployment runs on both nodes, one instance is kept: the instance with the higher epoch. If the
-//! epochs are equal, it is the instance whose home is reachable from its node, otherwise the
-//! instance on the node that was there first. The other instance is ended at once, at its home as
-//! preempted.
+//! While both nodes are present, neither node accepts new work, because the name would not say
+//! which node is meant. Once a second, each of the two nodes tells the other which deployments it
+//! runs. If a deployment runs on both nodes, one instance is kept: the instance with the higher
+//! epoch. If the epochs are equal, it is the instance whose home is reachable from its node,
+//! otherwise the instance on the node that was there first. The other instance is ended at once, at
+//! its home as preempted.
 
 use super::peers::Peers;
 use crate::logic::effect::{Effect, Out};
@@ -14,7 +14,7 @@ use crate::logic::protocol::{Deployment, Namesake};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The agreements between this node and others of its name, while those are there.
+/// The agreements between this node and other nodes of its name, while these are present.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Rivalry {
     /// The deployments that were ended here, each with the boot at which it continues. Repeated until the other node

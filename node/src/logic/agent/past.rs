@@ -29,7 +29,7 @@ pub(super) struct Past {
     unended: BTreeMap<Deployment, UnendedPrograms>,
 }
 
-/// Programs that could not be ended when their deployment was.
+/// Programs that could not be ended when their deployment ended.
 #[derive(Debug, Serialize, Deserialize)]
 struct UnendedPrograms {
     /// The host of `main`.

@@ -188,7 +188,7 @@ impl Peers {
         }
     }
 
-    /// Asks other nodes whether they are there. Returns the questions for silent nodes, each with the node that passes it on.
+    /// Asks other nodes whether they are present. Returns the questions for silent nodes, each with the node that passes it on.
     pub(super) fn ask(
         &self,
         Round { number, only, shows, through }: Round,

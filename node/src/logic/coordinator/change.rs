@@ -61,7 +61,7 @@ struct Change {
     asked: Asked,
     next: Next,
     before: Arc<Plan>,
-    /// Why the change is refused or taken back; empty if it is neither.
+    /// Why the change is refused or taken back. Empty if the change continues.
     reasons: Vec<String>,
     /// The locations of added programs.
     facts: Vec<LeafFacts>,

@@ -32,7 +32,7 @@ impl Stop {
         self.by = self.by.max(if call.is_some() { StopBy::User } else { StopBy::Node });
     }
 
-    /// Orders the disk to forget the deployment. A user who asked for the end waits until the disk has done so.
+    /// Orders the disk to forget the deployment. A user who asked for the end waits until the record is removed from the disk.
     pub(super) fn unkeep(&mut self, deployment: &Deployment, out: &mut Out<'_>) {
         self.unkeeping += u32::from(self.by == StopBy::User);
         out.effects.push(Effect::Unkeep { deployment: deployment.clone() });

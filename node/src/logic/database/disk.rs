@@ -61,7 +61,7 @@ impl Disk {
         Durable { state: self.state(replica).clone(), local: self.local(replica).clone() }
     }
 
-    /// Returns why the database does not write, if that is so.
+    /// Returns why the database does not write. None if it writes.
     pub(super) fn closed(&self) -> Option<&str> {
         self.closed.as_deref()
     }

@@ -77,7 +77,7 @@ impl Access {
         Ok(Write { key, value })
     }
 
-    /// Returns why programs may not write a key; nothing if they may.
+    /// Returns why programs may not write a key. Nothing if they may write it.
     fn forbids(&self, key: &Key, ports: &[KeyPort]) -> Option<String> {
         let is_connected = || ports.iter().any(|port| port.is_write && port.covers(key.as_str()));
         if self.is_team && !is_connected() {

@@ -291,7 +291,7 @@ pub struct Status {
 /// The store of a replica.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoreStatus {
-    /// Why the store does not write; nothing if it does.
+    /// Why the store does not write. Nothing if the store writes.
     pub closed: Option<String>,
     /// Where the store is; nothing if it is only in memory.
     pub place: Option<String>,
@@ -329,7 +329,7 @@ pub struct MemberStatus {
     /// if the member is the asked replica.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
-    /// The transactions of this replica that the member is not known to have.
+    /// The transactions of this replica that, as far as this replica knows, the member lacks.
     pub lacks: Lag,
     /// How many transactions the member is known to have that are missing here. This is known only if the member has reported it.
     pub ahead: u64,

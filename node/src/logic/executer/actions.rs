@@ -65,7 +65,7 @@ impl Executer {
         }
     }
 
-    /// Returns where the group is in other event actions; none if they are the same, or nothing of it runs.
+    /// Returns the state of the group in other event actions. None if the event actions are equal, or if nothing of the group runs.
     fn carried(&self, group: &Group, next: &Program) -> Option<Result<Carried, Misfit>> {
         if *next == self.program || self.state.is_idle() {
             return None;

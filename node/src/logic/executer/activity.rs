@@ -62,7 +62,7 @@ pub(super) struct Outside {
 /// The result of an order for an activity.
 #[derive(Debug)]
 pub struct Taking {
-    /// How the activity has ended by it, if it has.
+    /// How this has ended the activity. None if the activity continues.
     pub ending: Option<Ending>,
     /// The reaction of the activity, or why the activity has not taken the order.
     pub taken: Result<Taken, String>,
@@ -129,7 +129,7 @@ impl Executer {
         }
     }
 
-    /// An activity gets a notice. Returns how it ended by that, if it did. An activity drops the
+    /// An activity gets a notice. Returns how this has ended the activity. None if the activity continues. An activity drops the
     /// input if it does not run, or does not wait for such an input.
     pub fn tell(&mut self, told: &ActivityInput, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let event = self.event_of(told, context.plan).ok()?;
@@ -184,7 +184,7 @@ impl Executer {
         Taking { ending: self.react(event, context, out), taken: Ok(taken) }
     }
 
-    /// Takes a message for a port. Returns how the activity ended by it, if it did.
+    /// Takes a message for a port. Returns how this has ended the activity. None if the activity continues.
     pub fn take_message(
         &mut self,
         message: PortMessage,

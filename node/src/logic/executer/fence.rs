@@ -30,9 +30,9 @@ pub(super) struct Against<'a> {
     pub(super) resource: &'a str,
     /// The host that may still use it.
     pub(super) host: &'a str,
-    /// The member for which it does.
+    /// The member for which the host does this.
     pub(super) user: u32,
-    /// Whether the host is lost; else something could not be ended there.
+    /// Whether the host is lost. Otherwise a program could not be ended there.
     pub(super) is_lost: bool,
 }
 

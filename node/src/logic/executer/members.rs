@@ -54,7 +54,7 @@ struct Member {
     value: Vec<u8>,
     /// Why its last activation failed, for the reason of the group.
     failure: Option<Failure>,
-    /// The leaf that it is: during a change it may be a leaf of the previous plan.
+    /// The leaf of the member. During a change, it may be a leaf of the previous plan.
     acting: Option<u32>,
     /// The leaf that it is from its next activation on, if it was being stopped when its program changed.
     acting_next: Option<u32>,
@@ -210,12 +210,12 @@ impl Members {
         self.records.values_mut().for_each(|member| member.failure = None);
     }
 
-    /// Returns the leaf that a member is.
+    /// Returns the leaf of a member.
     pub(super) fn acting(&self, slot: u32) -> Option<u32> {
         self.records.get(&slot)?.acting
     }
 
-    /// Returns the leaf that each member is.
+    /// Returns the leaf of each member.
     pub(super) fn all_acting(&self) -> impl Iterator<Item = (u32, u32)> {
         self.records.iter().filter_map(|(slot, member)| Some((*slot, member.acting?)))
     }

@@ -1,4 +1,5 @@
-//! The values that an activity sends: the program that has its ports is ordered to send each, and says when it has.
+//! The values that an activity sends: the program that has its ports gets an order to send each value, and reports when
+//! it has sent the value.
 
 use serde::{Deserialize, Serialize};
 

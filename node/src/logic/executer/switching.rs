@@ -397,7 +397,7 @@ impl Executer {
         }
     }
 
-    /// Stops waiting for the members of a handover until all of it is ordered; returns whether anything was left.
+    /// Stops waiting for the members of a handover, so that all its orders are sent. Returns whether an order was missing.
     fn hurry(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) -> bool {
         let mut was_left = false;
         while let Some(switch) = self.switches.open.get_mut(&generation).filter(|switch| switch.is_to_be_ordered()) {

@@ -145,12 +145,12 @@ impl Ledger {
         &mut self.replays
     }
 
-    /// Returns the highest accepted epoch of a deployment; 0 if none was accepted.
+    /// Returns the highest accepted epoch of a deployment. 0 if no epoch was accepted.
     pub(super) fn epoch(&self, place: &Place) -> u64 {
         self.running.get(place).map_or(0, |running| running.epoch)
     }
 
-    /// Returns when a request was accepted for this epoch of a deployment; nothing if it was not.
+    /// Returns when a request was accepted for this epoch of a deployment. Nothing if no request was accepted.
     pub(super) fn accepted(&self, place: &Place, epoch: u64, signer: KeyId, number: u64) -> Option<UnixTime> {
         let running = self.running.get(place).filter(|running| running.epoch == epoch)?;
         let mut requests = running.requests.iter();

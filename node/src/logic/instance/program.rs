@@ -379,8 +379,8 @@ impl Instance {
         self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }
 
-    /// Rejects the program as it is: at the first start the deployment does not begin, later the next program may do
-    /// better.
+    /// Rejects this program. At the first start, the deployment then does not begin. Later, the
+    /// next program may be healthy.
     pub(in crate::logic) fn turn_away(&mut self, why: &str, context: &mut InstanceContext<'_>) {
         if self.joined {
             self.program.cause.get_or_insert(FailureCause::Exec(why.to_owned()));

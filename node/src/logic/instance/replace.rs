@@ -221,7 +221,7 @@ impl Instance {
         self.start.order.is_service && self.probation.is_some() && !self.is_returning()
     }
 
-    /// Handles a new program that announces its end. Such a program is ended and counted as unhealthy; returns whether this was so.
+    /// Handles a new program that announces its end. Such a program is ended, and treated as unhealthy. Returns whether this was the case.
     pub(super) fn is_turned_away(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) -> bool {
         let is_new = self.probation.is_some() && !self.is_returning() && self.stage == Stage::Running;
         if is_new {

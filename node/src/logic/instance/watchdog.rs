@@ -1,4 +1,4 @@
-//! How long a program may hang. Its shim measures this, because the shim runs even when the node does not.
+//! How long a program may hang. Its shim measures this, because the shim runs even when the node does not run.
 
 use language::plan::{LeafKind, Policy, Watchdog};
 use std::time::Duration;

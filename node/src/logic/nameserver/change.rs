@@ -9,7 +9,7 @@ use std::fmt;
 /// A change of another node, for the agent and for users.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Change {
-    /// A node answers that did not answer before.
+    /// A node that did not answer before answers now.
     Appeared {
         /// Its name.
         host: String,

@@ -164,7 +164,7 @@ impl Activations {
         self.check_in.map(|check_in| check_in.number)
     }
 
-    /// Waits for the home no longer; returns whether it did.
+    /// Stops waiting for the home. Returns whether this part was waiting.
     pub(super) fn checked_in(&mut self) -> bool {
         self.check_in.take().is_some()
     }

@@ -256,7 +256,7 @@ impl Links {
         }
     }
 
-    /// Flips wires whose producers are here; confirms when every producer that is alive has.
+    /// Switches wires whose producers are here. Confirms when every living producer has switched.
     pub(super) fn flip(&mut self, site: &Site, processes: &Processes, flip: Flip, asked: Asked, out: &mut Out<'_>) {
         let by_producer = by_producer(&site.plan, flip);
         by_producer.values().for_each(|flip| self.note_open(flip));

@@ -33,7 +33,7 @@ pub(super) struct Site {
     supervisors: Supervisors,
     /// The other hosts whose loss is one for something here.
     pub(super) relevant: BTreeSet<String>,
-    /// The emergency stop that ends this part, if one does.
+    /// The emergency stop that ends this part. None without an emergency stop.
     pub(super) estop: Option<Estop>,
 }
 

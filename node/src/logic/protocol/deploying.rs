@@ -269,7 +269,7 @@ pub enum ToParticipant {
         /// The switch of its outputs. Wires that are only opened are open before the first calculation after the switch.
         then: Flip,
     },
-    /// Let a program of yours take the place of another program, which keeps running until then. Answered by `Succeeding`.
+    /// Let a program of yours replace another program, which runs until then. Answered by `Succeeding`.
     Succeed {
         /// The group whose supervisor asks.
         group: u32,

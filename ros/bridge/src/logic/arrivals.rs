@@ -36,7 +36,7 @@ pub(crate) enum Refused {
     OtherRequest,
 }
 
-/// A message that was refused, and how many were by then.
+/// A refused message, and the number of refused messages until then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Told {
     pub(crate) why: Refused,

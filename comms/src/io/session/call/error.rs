@@ -21,7 +21,7 @@ pub enum CallError {
         /// The time given.
         within: Duration,
     },
-    /// For this long, the server of a stream has not sent that it is still there.
+    /// For this time, the server of a stream has sent no sign of life.
     #[error("`{key}` has sent nothing for {}", span(*.silent))]
     Silent {
         /// The host and the verb.

@@ -22,7 +22,7 @@ const RETRY_MIN: Duration = Duration::from_millis(100);
 const RETRY_MAX: Duration = Duration::from_millis(500);
 /// How much earlier known places are asked than places that were only announced on the network.
 const HEAD_START: Duration = Duration::from_millis(300);
-/// How long a place that was only announced on the network has to prove whose it is; a round trip may take 3 s.
+/// How long a place that was only announced on the network may take to prove its owner. A round trip may take 3 s.
 const SHOWN_WITHIN: Duration = Duration::from_secs(8);
 /// The same if many places were announced, since most of them are then false.
 const SHOWN_WITHIN_OF_MANY: Duration = Duration::from_secs(1);
@@ -249,7 +249,7 @@ async fn make(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<()
     enter(dialler, id, shown(dialler, id, locators).await?).await
 }
 
-/// A place that answers. In a team it has also proved whose it is.
+/// A place that answers. In a team, it has also proved its owner.
 struct Shown {
     locator: Locator,
     /// The locator of the link; in a team, the locator of a tunnel.
@@ -257,7 +257,7 @@ struct Shown {
     took: Duration,
 }
 
-/// Finds a place that answers, and checks whose it is.
+/// Finds a place that answers, and checks its owner.
 async fn shown(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<Shown, String> {
     let (locator, took) = reach::first(locators).await?;
     let place = locator.address().as_str().to_owned();

@@ -34,7 +34,7 @@ impl fmt::Display for Breach {
 }
 
 impl Schema {
-    /// Returns how a value violates the schema; none if it does not.
+    /// Returns how a value violates the schema. None if the value is valid.
     pub fn breach(&self, datum: &Datum) -> Option<Breach> {
         let breach = |must_be: String, hint: &str| {
             let (found, hint) = (Some(datum.to_string()), hint.to_owned());

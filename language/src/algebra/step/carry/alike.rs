@@ -52,7 +52,7 @@ pub(super) struct Compared<'a> {
     pub(super) first: usize,
 }
 
-/// Whether two nodes mean the same.
+/// Whether two nodes have the same meaning.
 pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
     let (a, b, old_first, new_first) = (old.node, new.node, old.first, new.first);
     let (old, new) = (old.program, new.program);

@@ -144,7 +144,7 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
     }
 }
 
-/// Reads a limit on the resources of a program. Returns whether the text is valid, and advice if it is not.
+/// Reads a limit on the resources of a program. Returns whether the text is valid. If it is not valid, also returns advice.
 fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> (bool, &'static str) {
     let bytes = unit::unit("B", None).map(|(_, dimension)| dimension);
     let no_words = written.words.is_empty();

@@ -53,7 +53,7 @@ fn word(topic: &Node) -> &'static str {
     if topic.names().next().is_some_and(|name| name.text == "service") { "service" } else { "topic" }
 }
 
-/// Returns the reason why a topic is not allowed in a connection, if so.
+/// Returns the reason why a topic is not allowed in a connection. None if it is allowed.
 fn misplaced(connection: &Node, topics: &[Node], owner: Option<&Node>) -> Option<Diagnostic> {
     let error = |node: &Node, message: &str| Diagnostic::new(Code::E0309, node.span(), message);
     let of = word(topics.last()?);
