@@ -51,7 +51,7 @@ fn explained(code: Code) -> Explained {
 fn explanation(code: Code) -> String {
     let severity = match code.severity() {
         Severity::Error => "an error: the spec is refused",
-        Severity::Warning => "a warning: the spec runs, perhaps not as meant",
+        Severity::Warning => "a warning: the spec runs, but may not do what you want",
     };
     format!("{code}: {}\n\n{}\n\nThis is {severity}.", code.title(), code.explanation())
 }

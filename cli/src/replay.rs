@@ -133,7 +133,7 @@ fn end(recorded: &Run) -> Duration {
 fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path, rate: f64) -> anyhow::Result<()> {
     let program = programs::beside(PLAYER);
     if !program.is_file() {
-        return Err(anyhow!("a replay needs `{PLAYER}` of the same build beside `dca`"));
+        return Err(anyhow!("a replay needs `{PLAYER}` of the same build in the folder of `dca`"));
     }
     let making = || format!("making the folder `{}`", folder.display());
     DirBuilder::new().recursive(true).mode(0o700).create(folder).with_context(making)?;

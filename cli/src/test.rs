@@ -67,7 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     if outcomes.is_empty() {
         return Err(anyhow!(
-            "there is no file that ends with `.{EXTENSION}`: `dca verify SPEC --test FOLDER` writes them"
+            "found no file with the ending `.{EXTENSION}`; `dca verify SPEC --test FOLDER` writes such files"
         )
         .into());
     }

@@ -99,13 +99,13 @@ fn check_limits() -> anyhow::Result<()> {
     let files = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
     ensure!(
         files >= FILES_MIN,
-        "a node needs {FILES_MIN} open files at once, and this one may have {files}: raise the limit, with `ulimit -n` or \
+        "a node needs {FILES_MIN} open files at once, but its limit is {files}: raise the limit, with `ulimit -n` or \
          `LimitNOFILE=` of its service"
     );
     let addresses = getrlimit(Resource::As).current.unwrap_or(u64::MAX);
     ensure!(
         addresses >= ADDRESSES_MIN,
-        "a node reserves {} MB of addresses, and this one may have {} MB: raise the limit, with `ulimit -v` or `LimitAS=` of its \
+        "a node reserves {} MB of addresses, but its limit is {} MB: raise the limit, with `ulimit -v` or `LimitAS=` of its \
          service; `memory` in a spec limits programs",
         ADDRESSES_MIN >> 20,
         addresses >> 20

@@ -211,7 +211,7 @@ class Asked(Generic[A]):
             except _dca.SendError as error:
                 self._end = (None, str(error))
         if self._end is None and now >= self._until:
-            self._end = (None, "there was no answer in time: whether it was carried out is not known")
+            self._end = (None, "no answer came in time: the request may have been carried out")
 
 
 class Requester(Generic[T, A]):

@@ -109,7 +109,7 @@ fn read_with(path: &Path, bytes_max: usize, closed: u32) -> anyhow::Result<Optio
     let is_private = there.mode() & closed == 0 && (there.uid() == own || there.uid() == 0);
     ensure!(
         is_private,
-        "other users can read or write `{0}`, so it is not used; find out who did, then run `chmod 600 {0}`",
+        "other users can read or write `{0}`, so it is not used; find out whether another user has read it, and then run `chmod 600 {0}`",
         path.display()
     );
     let mut bytes = Zeroizing::new(Vec::with_capacity(bytes_max.min(4096)));

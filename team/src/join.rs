@@ -108,7 +108,7 @@ pub async fn invite(
 
 /// The disk of the inviter refuses.
 #[derive(Debug, Error)]
-#[error("the certificate cannot be kept")]
+#[error("cannot store the certificate")]
 struct NotKept;
 
 type Keep = Box<dyn Fn(&Certificate) -> anyhow::Result<()> + Send + Sync>;

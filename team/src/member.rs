@@ -370,7 +370,7 @@ fn note(state: &Path, team: &Team) {
     if let Err(error) = folder::write(&noted, name.as_bytes()) {
         tracing::warn!(
             error = format!("{error:#}"),
-            "the next start of this node will not notice if the folder of its team is gone"
+            "the next start of this node cannot notice a missing folder of its team"
         );
     }
 }

@@ -74,7 +74,7 @@ pub enum SealError {
     #[error("a secret needs 1 to {READERS_MAX} different readers")]
     Readers,
     /// The secret was rotated too often.
-    #[error("there is no generation after the last one")]
+    #[error("the generations of this key are used up")]
     Generation,
     /// The secret is not sealed for this reader.
     #[error("the secret is not sealed for this key")]

@@ -87,12 +87,12 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
     findings.extend(property::check(&times, limits));
     let is_limited = findings.iter().any(|finding| finding.verdict == Verdict::Open);
     let mut assumptions = vec![
-        "a program that is asked to stop does so, or is killed".to_owned(),
-        "a program that can end does so at some time, unless its `service;` says that it never does".to_owned(),
+        "a program that is asked to stop stops, or is killed".to_owned(),
+        "a program that can end ends at some time, unless `service;` says that it never ends".to_owned(),
         timers(model.plan).to_owned(),
     ];
     if model.plan.hosts.len() > 1 {
-        let lost = "no host is lost, where a sentence does not say so: `on loss of host(c1): ...`, and `dca fmea`";
+        let lost = "no host is lost, unless a sentence says so: `on loss of host(c1): ...`, and `dca fmea`";
         assumptions.push(lost.to_owned());
     }
     let Catalogue { states, transitions, memory, .. } = catalogue;

@@ -195,7 +195,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         match stop {
             Some(stop) if stop <= limit => None,
             Some(stop) => Some(self.fails(&format!("a stop may take {}", seconds(stop)), None)),
-            None => Some(self.fails("a `shield` or a `finally` may hold a stop up for ever: give it a bound", None)),
+            None => Some(self.fails("a `shield` or a `finally` may delay a stop for ever: give it a bound", None)),
         }
     }
 

@@ -280,7 +280,7 @@ fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u
     let (mode, own) = (there.mode() & 0o077, rustix::process::getuid().as_raw());
     ensure!(
         mode == 0,
-        "other users can read or write `{0}`, so it is not used; find out who did, then run `chmod 600 {0}`",
+        "other users can read or write `{0}`, so it is not used; find out whether another user has read it, and then run `chmod 600 {0}`",
         path.display()
     );
     ensure!(there.uid() == own || there.uid() == 0, "`{}` belongs to another user", path.display());

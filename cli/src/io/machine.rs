@@ -73,7 +73,7 @@ fn realtime() -> Result<(), String> {
     match asked(Path::new(CHRT), &["--fifo", "1", "true"], ANSWER_WITHIN) {
         Ok((_, true)) => Ok(()),
         Ok((_, false)) => Err("the kernel refuses it to this user".to_owned()),
-        Err(why) => Err(format!("{why} (it is a program of util-linux)")),
+        Err(why) => Err(format!("{why} (the program belongs to util-linux)")),
     }
 }
 
@@ -88,7 +88,7 @@ fn sockets(run: &Path) -> Folder {
 
 /// Returns the result for a node that has no folder for its database: the user named none, and the system has no default.
 fn no_database() -> Folder {
-    let why = "there is no `HOME`, and no `--state` names another folder".to_owned();
+    let why = "the variable `HOME` is not set; name a folder with `--state`".to_owned();
     Folder { path: "$HOME/.local/state/dca".to_owned(), free: None, writing: Err(why) }
 }
 

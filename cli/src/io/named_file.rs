@@ -52,7 +52,7 @@ pub fn not_over<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a Path>) -
 fn utf8(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
-        io::Error::new(ErrorKind::InvalidData, format!("it is not UTF-8 text: byte {at} belongs to no character"))
+        io::Error::new(ErrorKind::InvalidData, format!("it is not UTF-8 text: byte {at} is not valid"))
     })
 }
 
@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(why(Path::new("/dev/zero")), "it is a device; only regular files are read");
         assert_eq!(why(&folder), "Is a directory (os error 21)");
         assert_eq!(why(&path("none")), "No such file or directory (os error 2)");
-        assert_eq!(why(&path("latin")), "it is not UTF-8 text: byte 1 belongs to no character");
+        assert_eq!(why(&path("latin")), "it is not UTF-8 text: byte 1 is not valid");
         fs::remove_dir_all(folder).unwrap();
     }
 

@@ -266,7 +266,7 @@ fn shim(installed: &Installed) -> Check {
         Ok(version) => (Level::Failed, format!("version {version}, and these programs have {}", installed.version)),
         Err(why) => (Level::Failed, why.clone()),
     };
-    check("shim", level, finding, "put `dca-shim` of the same build beside `dca-node`")
+    check("shim", level, finding, "put `dca-shim` of the same build into the folder of `dca-node`")
 }
 
 fn controllers(installed: &Installed) -> Check {
@@ -278,7 +278,7 @@ fn controllers(installed: &Installed) -> Check {
         "controllers",
         level,
         finding,
-        "put `dca-controller` beside `dca-node`, or name your own with `--controllers`",
+        "put `dca-controller` into the folder of `dca-node`, or name your own program with `--controllers`",
     )
 }
 

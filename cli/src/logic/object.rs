@@ -153,7 +153,7 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     let is_behind =
         error.is_some_and(|error| usize::try_from(error.primary.span.start).is_ok_and(|start| start >= end));
     if !is_one(value) || is_behind {
-        return Err(format!("`{value}` is not one whole value"));
+        return Err(format!("`{value}` is not exactly one value"));
     }
     let plan = compiled.plan.filter(|plan| plan.leaves.len() == 1);
     let Some(leaf) = plan.and_then(|mut plan| plan.leaves.pop()) else {

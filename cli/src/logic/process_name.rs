@@ -81,7 +81,7 @@ impl ProcessName {
         let (name, port) = Self::with_name(text);
         match (name.process(), port) {
             (Some(_), None) => Ok(name),
-            (Some(_), Some(_)) => Err(format!("`{text}` is a port; the process that has it is `{name}`")),
+            (Some(_), Some(_)) => Err(format!("`{text}` is a port; its process is `{name}`")),
             (None, _) => Err(format!("`{text}` names no process: expected [DEPLOYMENT:]INSTANCE, such as `hit/force`")),
         }
     }
@@ -203,7 +203,7 @@ mod tests {
             ProcessName::parse("").is_err() && ProcessName::parse(":").is_err() && ProcessName::parse("d:").is_ok()
         );
         assert_eq!(ProcessName::parse("main/base.Pose").unwrap().to_string(), "main/base");
-        assert_eq!(ProcessName::parse_one("a.x").unwrap_err(), "`a.x` is a port; the process that has it is `a`");
+        assert_eq!(ProcessName::parse_one("a.x").unwrap_err(), "`a.x` is a port; its process is `a`");
         assert!(ProcessName::parse_one("d:").is_err() && ProcessName::parse_one("d:a").is_ok());
     }
 }

@@ -217,7 +217,7 @@ impl Top {
             Key::Char('l' | 'a') | Key::Enter => self.open(model),
             Key::Char('E') => self.mode = Mode::ConfirmEstop,
             Key::Char('R') if stopped(model).next().is_some() => self.mode = Mode::ConfirmRelease,
-            Key::Char('R') => self.say("nothing is stopped: there is nothing to release"),
+            Key::Char('R') => self.say("nothing to release: no emergency stop is active"),
             Key::Char(_) | Key::Control(_) | Key::Function(_) | Key::Backspace => {}
         }
         None

@@ -139,7 +139,7 @@ fn told(uri: String, remarks: Remarks) -> Reply {
 /// Returns a diagnostic that says that the document is too long to be checked.
 fn too_long() -> lsp_types::Diagnostic {
     let limit = DOCUMENT_MAX >> 20;
-    about_all(format!("a text of more than {limit} MiB is not checked while it is written; `dca check` reads it"))
+    about_all(format!("the editor does not check a text of more than {limit} MiB; run `dca check`"))
 }
 
 /// Returns a diagnostic that says how many diagnostics were left out.

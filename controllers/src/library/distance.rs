@@ -206,7 +206,7 @@ impl Controller for DistanceThreshold {
         // A base that moves sideways may meet a wall that its laser does not see.
         if clearance(&going_on(&around), &q).is_some_and(|room| room < ROOM_BESIDE) {
             return Progress::Aborted(
-                "no room: a wall that goes on beside the robot is less than 15 mm from it".to_owned(),
+                "no room: a wall that continues at the side of the robot is less than 15 mm away".to_owned(),
             );
         }
         let Some(distance) = self.distance(&scan.ranges, &state.angles) else { return Progress::Continue };

@@ -158,13 +158,16 @@ impl ModelBasedCtrl {
             Some(Failure::Locked) => {
                 let why = match self.settings.opens {
                     Opens::Either => {
-                        "locked, or shut by more than 70 N: the lever is down as far as it was pressed, and the door moves neither when it is pulled nor when it is pushed"
+                        "locked, or shut by more than 70 N: the lever is down as far as it was pressed, and the door does not move when \
+                         it is pulled or pushed"
                     }
                     Opens::Pull => {
-                        "locked, or to be pushed, or shut by more than 70 N: the lever is down as far as it was pressed, and the door does not come when it is pulled"
+                        "locked, or to be pushed, or shut by more than 70 N: the lever is down as far as it was pressed, and the door \
+                         does not come when it is pulled"
                     }
                     Opens::Push => {
-                        "locked, or to be pulled, or shut by more than 70 N: the lever is down as far as it was pressed, and the door does not go when it is pushed"
+                        "locked, or to be pulled, or shut by more than 70 N: the lever is down as far as it was pressed, and the door \
+                         does not go when it is pushed"
                     }
                 };
                 return Progress::Aborted(why.to_owned());
@@ -193,7 +196,7 @@ impl ModelBasedCtrl {
 /// The reason for a doubt.
 fn refuse(doubt: Doubt) -> Progress {
     let reason = match doubt {
-        Doubt::Handle => "lost the handle: the fingers are not as far apart as a handle is wide",
+        Doubt::Handle => "lost the handle: the width between the fingers is not the width of a handle",
         Doubt::Unseen => "the laser does not see the leaf: it is not known whether the door is open",
         Doubt::Behind => "the door is not as far open as the hand has moved: the wheels or the fingers slip",
         Doubt::Turn => "the hand has not turned with the door: its direction and the leaf's differ",

@@ -112,7 +112,7 @@ impl Controller for LinearTrajectory {
         if self.at.speed > 0.0 {
             Progress::Continue
         } else if self.touches {
-            Progress::Aborted(format!("nothing was touched on the whole way of {:.0} mm", 1e3 * self.way.length))
+            Progress::Aborted(format!("nothing was touched on the path of {:.0} mm", 1e3 * self.way.length))
         } else {
             Progress::Done(Vec::new())
         }

@@ -91,7 +91,7 @@ fn refuse(failure: Failure, margin: f64) -> Progress {
     let reason = match failure {
         Failure::Closes => "the door closes by itself: its leaf is not where the hand has let go of it".to_owned(),
         Failure::Narrow(missing, Some(needed)) => format!(
-            "not wide enough: {:.0} mm are missing for {margin:.0} mm on each side; so wide a leaf has to be open by {:.0} deg",
+            "not wide enough: {:.0} mm are missing for {margin:.0} mm on each side; a leaf of this width has to be open by {:.0} deg",
             1e3 * missing,
             needed.to_degrees()
         ),
@@ -180,7 +180,8 @@ impl Controller for DriveThrough {
             Some(drive) => drive.update(&base, &joints, sweep.as_ref(), ramp_dt(tick)),
             None if self.spent > LOOK => {
                 outputs.velocity.send(rest);
-                let why = "no open leaf before the hand: the door closes by itself, or the laser does not see it";
+                let why =
+                    "no open leaf in front of the hand: the door closes by itself, or the laser does not see the leaf";
                 return Progress::Aborted(why.to_owned());
             }
             None => Step::Move(Rates::zeros()),

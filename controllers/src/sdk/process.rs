@@ -319,7 +319,7 @@ impl Program {
             let _turn = links.turn();
             let made = links.make(&session, &interface, orders, &inbox);
             if let Err(error) = notices.send(&answer(made)) {
-                tracing::debug!(%error, "the node was not told");
+                tracing::debug!(%error, "cannot inform the node");
             }
         };
         std::thread::Builder::new().name("links".to_owned()).spawn(make)?;

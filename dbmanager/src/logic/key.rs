@@ -38,7 +38,7 @@ pub enum KeyError {
     },
     /// A segment in which letters of another script look like Latin letters.
     #[error(
-        "the key `{key}` has {letter:?} (U+{:04X}) beside Latin letters, which it looks like: another key would look the same",
+        "the key `{key}` has {letter:?} (U+{:04X}) together with Latin letters that look like it: another key would look the same",
         u32::from(*letter)
     )]
     LookAlike {

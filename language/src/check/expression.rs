@@ -237,7 +237,7 @@ fn side_by_side(node: &Node) -> Option<Diagnostic> {
     let child = node.children().find(is_bare)?;
     let (outer, inner) = (node.kind().describe(), child.kind().describe());
     let span = child.span();
-    let message = format!("{inner} stands beside {outer} without parentheses");
+    let message = format!("{inner} is next to {outer} without parentheses");
     let diagnostic = Diagnostic::new(Code::W0404, span, message).label("these belong together");
     let insert = |span: Span, text: &str| Edit { span, text: text.to_owned() };
     let edits = vec![insert(span.at_start(), "("), insert(span.at_end(), ")")];

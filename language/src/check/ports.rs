@@ -126,7 +126,7 @@ impl<'a> Ports<'a> {
             let (from, to) = (&connection.from, &connection.to);
             match first.entry((from.slot, &from.port.text, to.slot, &to.port.text)) {
                 Entry::Occupied(first) => {
-                    let message = "the connection stands twice in this set";
+                    let message = "this set contains the connection twice";
                     let diagnostic = Diagnostic::new(Code::W0307, connection.span, message);
                     self.diagnostics.push(diagnostic.reason(*first.get(), "first here"));
                 }

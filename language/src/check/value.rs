@@ -228,7 +228,7 @@ fn warn_of_lost_digits(text: &str, value: f64, span: Span, diagnostics: &mut Dia
     let (digits, kept) = (text.trim_start_matches('0'), format!("{value:.0}"));
     if is_whole && !digits.is_empty() && digits != kept {
         let diagnostic =
-            Diagnostic::new(Code::W0012, span, format!("a number cannot keep so many digits; it becomes {kept}"));
+            Diagnostic::new(Code::W0012, span, format!("a number cannot keep all these digits; it becomes {kept}"));
         diagnostics.push(diagnostic.help(format!("to keep all digits, write a text: `\"{text}\"`")));
     }
 }

@@ -191,7 +191,7 @@ fn elsewhere(before: &Leaf, after: &Leaf, is_added: bool) -> Option<String> {
     }
     let name = after.as_ref().or(before.as_ref())?;
     Some(format!(
-        "`{path}` stands for {name}: processes of another deployment are searched only while this deployment is prepared, not during a change"
+        "`{path}` is {name}: DCA looks for processes of another deployment only while it prepares this deployment, and not during a change"
     ))
 }
 

@@ -41,7 +41,7 @@ impl Authors {
         let sent = codec::encode(&refusal).map_err(anyhow::Error::from);
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::refused(name), bytes)?));
         if let Err(error) = sent {
-            tracing::debug!(host = name, error = format!("{error:#}"), "a node is not told that it was refused");
+            tracing::debug!(host = name, error = format!("{error:#}"), "cannot tell a node that it was refused");
         }
     }
 

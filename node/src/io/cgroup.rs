@@ -34,7 +34,7 @@ pub fn enter(folder: &Path) {
     let written = own.as_ref().map(|group| file::write(&folder.join(GROUP_FILE), group.to_string_lossy().as_bytes()));
     if let Some(Err(error)) = written {
         let file = folder.join(GROUP_FILE);
-        tracing::warn!(file = %file.display(), %error, "the name of the control group is not kept");
+        tracing::warn!(file = %file.display(), %error, "cannot store the name of the control group");
     }
 }
 

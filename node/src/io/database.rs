@@ -272,7 +272,7 @@ impl Worker {
                 Arrival::Envelope(..) => continue,
                 Arrival::Asked(request, envelope, author) => {
                     if !self.is_from(&envelope, &author) {
-                        request.refuse("it is not from the sender that it names");
+                        request.refuse("it does not come from the sender that it names");
                         continue;
                     }
                     Input::Asked(self.receivers.ask(request), envelope)

@@ -187,6 +187,6 @@ fn greeted(
         | Notice::Database { .. }
         | Notice::Losses { .. }
         | Notice::Refused { .. }
-        | Notice::Judge { .. } => anyhow::bail!("a program did not say who it is"),
+        | Notice::Judge { .. } => anyhow::bail!("a program did not identify itself"),
     })
 }

@@ -151,7 +151,7 @@ impl Countersigning {
             member.keep_head(head, &name.context("its name is not valid")?)
         });
         if let Err(error) = kept.await {
-            tracing::warn!(host = from, error = format!("{error:#}"), "a signed head of the audit log is not kept");
+            tracing::warn!(host = from, error = format!("{error:#}"), "cannot store a signed head of the audit log");
         }
     }
 }

@@ -240,7 +240,7 @@ impl Peers {
     pub async fn answered(&mut self) {
         self.calls.clear();
         if tokio::time::timeout(ANSWERED_WITHIN, self.session.answered()).await.is_err() {
-            tracing::debug!("a caller has not taken all answers");
+            tracing::debug!("a caller did not receive all answers");
         }
     }
 

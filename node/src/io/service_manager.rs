@@ -75,7 +75,7 @@ impl ServiceManager {
         if let Some(socket) = &self.socket
             && let Err(error) = socket.send(text.as_bytes())
         {
-            tracing::warn!(%error, "the service manager is not told how this node is");
+            tracing::warn!(%error, "cannot report the state of this node to the service manager");
         }
     }
 }

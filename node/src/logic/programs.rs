@@ -88,10 +88,12 @@ impl Programs {
 
     fn unknown(&self, module: &str) -> String {
         if module == BRIDGE {
-            return format!("ROS 2 needs `{BRIDGE_PROGRAM}` of the same build beside `dca-node`");
+            return format!("ROS 2 needs `{BRIDGE_PROGRAM}` of the same build in the folder of `dca-node`");
         }
         if module == PORTS {
-            return format!("the ports of an activity need `{PORTS_PROGRAM}` of the same build beside `dca-node`");
+            return format!(
+                "the ports of an activity need `{PORTS_PROGRAM}` of the same build in the folder of `dca-node`"
+            );
         }
         let lower = module.to_lowercase();
         let near = self.types.keys().find(|name| {

@@ -104,7 +104,7 @@ impl RouterOf {
 const fn why(gone: Gone) -> &'static str {
     match gone {
         Gone::Unknown => "it is not there",
-        Gone::Silent => "nothing is heard of it",
+        Gone::Silent => "no message from it arrives",
         Gone::WrongType => "it takes another type",
     }
 }

@@ -68,7 +68,7 @@ async fn nobody_joins_whose_certificate_cannot_be_kept() {
     let refused = join(&waiting.line, "robot".parse().unwrap(), keys()).await.unwrap_err();
     assert_eq!(refused.to_string(), JoinError::Refused.to_string());
     let Some(Event::Failed(why)) = waiting.events.recv().await else { panic!("the inviter has not heard of it") };
-    assert_eq!(why, "the certificate cannot be kept: no space");
+    assert_eq!(why, "cannot store the certificate: no space");
 }
 
 /// Clients that send nonsense, or nothing, do not prevent a robot from joining.

@@ -61,7 +61,7 @@ impl Member {
     /// # Errors
     /// If the head belongs to another log, the table is full, or the disk refuses.
     pub fn keep_head(&self, head: Head, name: &Name) -> anyhow::Result<()> {
-        ensure!(head.position().log == self.id() && head.by() != self.id(), "it is the head of another log");
+        ensure!(head.position().log == self.id() && head.by() != self.id(), "the head belongs to another log");
         let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);
         let mut with = heads.clone();
         if with.keep(head, name)? {

@@ -60,7 +60,7 @@ impl Member {
         if let Err(error) = self.share_again() {
             tracing::error!(
                 error = format!("{error:#}"),
-                "programs of another user are not told which keys are revoked"
+                "cannot tell programs of another user which keys are revoked"
             );
         }
         let what = format!("{REVOKE}{number}, keys {count}");
@@ -108,10 +108,10 @@ impl Member {
                 Err(error)
                     if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
                 {
-                    tracing::debug!(error = format!("{error:#}"), "revocations were not taken in");
+                    tracing::debug!(error = format!("{error:#}"), "cannot accept revocations");
                 }
                 Err(error) => {
-                    tracing::error!(error = format!("{error:#}"), "revocations were not taken in, or not kept");
+                    tracing::error!(error = format!("{error:#}"), "cannot accept or store revocations");
                 }
             }
         }

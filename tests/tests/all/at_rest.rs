@@ -265,5 +265,5 @@ fn an_approach_that_touches_nothing_has_failed() {
     let short = DOOR.replace("until = \"touch\"", "until = \"touch\", length = 120 mm");
     assert!(short != DOOR, "the spec says until when it approaches");
     let end = fly(&short, "seed = 6", &mut |_| {});
-    assert!(end.why.contains("nothing was touched on the whole way of 120 mm"), "{end:?}");
+    assert!(end.why.contains("nothing was touched on the path of 120 mm"), "{end:?}");
 }

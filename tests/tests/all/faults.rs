@@ -194,8 +194,8 @@ fn a_node_refuses_limits_that_it_could_not_live_with() {
         command
     };
     for (limit, said) in [
-        ("-n 24", "a node needs 64 open files at once, and this one may have 24: raise the limit"),
-        ("-v 400000", "a node reserves 1024 MB of addresses, and this one may have 390 MB: raise the limit"),
+        ("-n 24", "a node needs 64 open files at once, but its limit is 24: raise the limit"),
+        ("-v 400000", "a node reserves 1024 MB of addresses, but its limit is 390 MB: raise the limit"),
     ] {
         let output = start(limit).output().expect("there is a shell");
         let err = String::from_utf8_lossy(&output.stderr);

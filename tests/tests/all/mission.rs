@@ -147,7 +147,8 @@ fn more_doors_open_on_busy_machines() {
 fn a_locked_door_aborts() {
     for disturbance in [Disturbance::NONE, Disturbance::busy(1)] {
         let seen = fly(LOCKED, disturbance);
-        let why = "locked, or shut by more than 70 N: the lever is down as far as it was pressed, and the door moves neither when it is pulled nor when it is pushed";
+        let why = "locked, or shut by more than 70 N: the lever is down as far as it was pressed, and the door does not move when it is \
+                   pulled or pushed";
         check_abort(&seen, &format!("main/dooropensyst/dooropen/model: {why}"));
         // The robot tries three times in each direction, with more force each time.
         assert!(seen.open_seconds <= 17.0 && seen.open_peak <= 80.0 && seen.angle_deg < 0.5, "{seen:?}");

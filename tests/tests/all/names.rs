@@ -145,7 +145,7 @@ fn every_verb_takes_the_names_that_others_print() {
     check(&["stop", "patrol@2"], 1, "no deployment `patrol@2` is running; did you mean `patrol@1`?");
     check(&["status", "patrl"], 2, "no node knows a deployment `patrl`; did you mean `patrol`?");
     check(&["events", "patrl"], 2, "no node knows a deployment `patrl`; did you mean `patrol`?");
-    check(&["replace", "patrol", "base.Out"], 2, "`base.Out` is a port; the process that has it is `base`");
+    check(&["replace", "patrol", "base.Out"], 2, "`base.Out` is a port; its process is `base`");
     check(&["switch", "patrol", "gate:base[x]"], 2, "`gate:base` is not a process of `patrol@1`");
     check(&["stop", "patrol@1"], 0, "`patrol@1` is stopped");
     mission.ended(SOON);

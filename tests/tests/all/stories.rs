@@ -58,7 +58,7 @@ fn a_mistake_is_kept_as_a_test_until_it_is_gone() {
     let unfit = here.ask(&["test", stuck]);
     assert!(unfit.code == Some(1) && unfit.out.contains("there is no process `main/fetch` any more"), "{unfit}");
     let none = here.ask(&["test", "."]);
-    assert!(none.code == Some(1) && none.err.contains("`dca verify SPEC --test FOLDER` writes them"), "{none}");
+    assert!(none.code == Some(1) && none.err.contains("`dca verify SPEC --test FOLDER` writes such files"), "{none}");
     let broken = here.ask(&["test", "cups.dca"]);
     assert!(broken.code == Some(1) && broken.err.contains("is not a test: line 2"), "{broken}");
 }

@@ -94,7 +94,7 @@ impl Teller<'_, '_> {
     fn name(&self, member: u32) -> String {
         match self.source.members.get(member as usize) {
             Some(_) => format!("`{}`", self.model.name(self.group, member)),
-            None => format!("a member that is not there ({member})"),
+            None => format!("a member that does not exist ({member})"),
         }
     }
 
@@ -113,7 +113,7 @@ impl Teller<'_, '_> {
                 format!("the stop of {} cannot be confirmed", self.name(*member))
             }
             Event::Message { .. } => format!("`{group}` gets a message"),
-            Event::Notice(_) => format!("`{group}` is told of something"),
+            Event::Notice(_) => format!("`{group}` gets a message"),
             Event::Elapsed { timer, .. } => {
                 let time = timer_of(&self.source.expression, *timer as usize);
                 let time = time.map_or_else(|| "some seconds".to_owned(), seconds);

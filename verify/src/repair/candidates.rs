@@ -143,7 +143,11 @@ impl Spec<'_> {
                 fixes.push(self.replace(format!("end `{first}` after 60 s"), node.span, keep(text, limited)));
             } else {
                 let beside = format!("{}, {}", operand(&first), operand(&last));
-                fixes.push(self.replace(format!("run `{last}` beside `{first}`"), node.span, keep(text, beside)));
+                fixes.push(self.replace(
+                    format!("run `{last}` at the same time as `{first}`"),
+                    node.span,
+                    keep(text, beside),
+                ));
             }
         }
         fixes

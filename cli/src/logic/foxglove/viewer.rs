@@ -65,10 +65,10 @@ impl Viewer {
             return Err(format!("a client may have {SUBSCRIPTIONS_MAX} subscriptions"));
         }
         if self.channels.contains_key(&id) {
-            return Err(format!("the subscription {id} is there already"));
+            return Err(format!("the subscription {id} already exists"));
         }
         if self.subscriptions.contains_key(&channel) {
-            return Err(format!("there is a subscription of the channel {channel} already"));
+            return Err(format!("the channel {channel} already has a subscription"));
         }
         self.channels.insert(id, channel);
         self.subscriptions.insert(channel, Subscribed { id, since: now, has_begun: false });

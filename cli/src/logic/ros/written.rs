@@ -14,7 +14,7 @@ pub(crate) fn encode(of: &str, words: &[String]) -> Result<Vec<u8>, String> {
     let schema = schema(of).ok_or_else(|| format!("`{of}` is not a standard type of ROS 2"))?;
     let given = object(words)?;
     let value = record(&schema, schema.root(), &given)?;
-    cdr::write(&schema, &value).map_err(|_misfit| format!("a number or a list of it does not fit a `{of}`"))
+    cdr::write(&schema, &value).map_err(|_misfit| format!("a `{of}` cannot hold a number or a list of this value"))
 }
 
 fn object(words: &[String]) -> Result<Map<String, Json>, String> {

@@ -238,7 +238,7 @@ impl Canvas<'_> {
                 let keys: Vec<String> =
                     options.iter().enumerate().map(|(at, text)| format!("{}: {text}", at + 1)).collect();
                 if keys.is_empty() {
-                    return self.alarm(line, " This question is no longer open; any key goes on");
+                    return self.alarm(line, " This question is no longer open; press any key to continue");
                 }
                 return self.alarm(line, &format!(" Answer: {}  other keys: cancel", keys.join("  ")));
             }

@@ -99,7 +99,7 @@ pub(super) async fn run(mut stream: TcpStream, shared: Arc<Shared>, guest: Arc<G
     };
     let entered = checked.and_then(|answer| {
         let viewer = shared.hub().enter().ok_or_else(|| {
-            let why = "too many clients are connected: close a window of another one".to_owned();
+            let why = "too many clients are connected: close a window of another client".to_owned();
             Refusal { status: Status::Busy, why, origin: None }
         })?;
         Ok((answer, Entered { shared: &shared, viewer }))

@@ -373,7 +373,7 @@ async fn forms(taps: &Taps, name: &ProgramName, dial: Dial) -> Option<Forms> {
     match (outputs, exports) {
         (Ok(outputs), Ok(exports)) => Some(Forms { outputs, exports }),
         (Err(failure), _) | (_, Err(failure)) => {
-            tracing::debug!(path, why = %crate::client::words(&failure), "a program does not tell its outputs");
+            tracing::debug!(path, why = %crate::client::words(&failure), "cannot get the outputs of a program");
             None
         }
     }

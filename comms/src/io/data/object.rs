@@ -330,7 +330,7 @@ impl AnswerWay {
                 .map(|Sealed { bytes, seal, .. }| (bytes, Some(seal))),
         };
         if self.answers.try_send((query, answer)).is_err() {
-            tracing::warn!("an answer is lost: too many have not been taken");
+            tracing::warn!("an answer is lost: too many earlier answers are still waiting");
         }
     }
 }

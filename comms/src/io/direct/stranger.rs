@@ -72,7 +72,7 @@ impl Stranger {
         let who = socket_peercred(&self.stream);
         let fate = self.judge(news, shared);
         fate.inspect_err(|error| {
-            tracing::debug!(%error, "a consumer of this host is not taken");
+            tracing::debug!(%error, "refusing a consumer of this host");
             if let (Some(guard), io::ErrorKind::PermissionDenied, Ok(who)) = (&shared.guard, error.kind(), who) {
                 let (process, user) = (who.pid.as_raw_nonzero(), who.uid.as_raw());
                 guard.refused(format!("process {process} of user {user} on this machine"));

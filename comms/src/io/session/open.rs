@@ -151,7 +151,7 @@ impl Opened {
         let told = missing.map(|(session, place)| {
             let places = || place.all().map(ToString::to_string).collect::<Vec<_>>().join(", ");
             let who = links.names.get(session).cloned().unwrap_or_else(places);
-            (who, links.troubles.get(session).cloned().unwrap_or_else(|| "it is being dialled".to_owned()))
+            (who, links.troubles.get(session).cloned().unwrap_or_else(|| "a dial is in progress".to_owned()))
         });
         let own = links.troubles.iter().filter(|(who, _)| !links.kept.contains_key(*who));
         told.chain(own.map(|(who, why)| (who.clone(), why.clone()))).collect()

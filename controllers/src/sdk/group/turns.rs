@@ -117,7 +117,7 @@ impl GroupModule {
             Target::Member(to, port) => {
                 let Some(member) = self.members.get_mut(to) else { return };
                 if let Err(error) = member.deliver(port, &bytes, now) {
-                    tracing::warn!(%error, "a value was not taken");
+                    tracing::warn!(%error, "cannot take a value");
                 }
             }
         }

@@ -317,7 +317,7 @@ impl Cycle {
             self.tally.refused += 1;
             return self.lines.inbox.refuse_value(port);
         }
-        tracing::warn!(%error, "a sample was not taken");
+        tracing::warn!(%error, "cannot take a sample");
     }
 
     /// Sets the next deadline, and counts missed deadlines.

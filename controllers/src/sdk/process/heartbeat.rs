@@ -84,7 +84,7 @@ impl Watcher {
             if let Some(sign) = heartbeat.sign(&mut before)
                 && let Err(error) = socket.send_to(sign.as_bytes(), &path)
             {
-                tracing::debug!(%error, "a sign of life was not taken");
+                tracing::debug!(%error, "cannot send a sign of life");
             }
         };
         look();

@@ -233,8 +233,8 @@ impl Kept {
 }
 
 impl NodeLine {
-    /// Waits for the next order, even if the node is away for a long time. [`Order::Resumed`] shows that there is a
-    /// node again.
+    /// Waits for the next order, even if the node is away for a long time. [`Order::Resumed`] shows
+    /// that found a node again.
     ///
     /// # Errors
     /// If the node and the program's parent are gone, or a message of the node cannot be understood.
@@ -247,12 +247,12 @@ impl NodeLine {
                     self.orders += u64::from(order.is_counted());
                     return Ok(order);
                 }
-                Ok(None) => tracing::warn!("the node is gone, and is looked for"),
-                Err(ControlError::Broken(error)) => tracing::warn!(%error, "the node is lost, and is looked for"),
+                Ok(None) => tracing::warn!("the node is gone: looking for a node"),
+                Err(ControlError::Broken(error)) => tracing::warn!(%error, "the node is lost: looking for a node"),
                 Err(error) => return Err(LineError::NotUnderstood(error)),
             }
             let notices = self.find_node()?;
-            tracing::info!("there is a node again");
+            tracing::info!("found a node again");
             return Ok(Order::Resumed { notices });
         }
     }

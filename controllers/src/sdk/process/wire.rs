@@ -116,7 +116,7 @@ impl Transport {
         if !outlet.as_ref().is_some_and(|outlet| outlet.mark(boundary, number))
             && let Err(error) = publisher.mark(boundary, number)
         {
-            tracing::debug!(%error, "a switch was not told");
+            tracing::debug!(%error, "cannot report a switch");
         }
     }
 

@@ -177,7 +177,7 @@ impl DirStore {
     pub fn put_aside(path: &Path) -> Result<PathBuf, StoreError> {
         let name = |number| path.with_extension(format!("aside-{number}"));
         let free = (1..=ASIDE_MAX).map(name).find(|aside| !aside.exists());
-        let full = || io::Error::other("too many damaged stores are kept beside it; check and remove these stores");
+        let full = || io::Error::other("too many damaged stores are in the same folder; check and remove these stores");
         let aside = free.ok_or_else(|| file_error(path, full()))?;
         fs::rename(path, &aside).map_err(|cause| file_error(path, cause))?;
         sync(parent(path))?;

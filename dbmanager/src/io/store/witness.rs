@@ -60,7 +60,7 @@ impl fmt::Display for Doubt {
             Self::Missing => "its witness is missing",
             Self::Damaged => "its witness is damaged",
             Self::Another => "another store was here before",
-            Self::Restored => "it is not as it was when it was last open here, as if restored from a backup",
+            Self::Restored => "it has changed since it was last open here, as if it was restored from a backup",
             Self::Copied => "its file is a copy",
             Self::Moved => "it comes from another machine",
         })

@@ -97,7 +97,7 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
     let File { below, values } = read(file)?;
     if absent == Absent::Delete && file.trim_end().lines().next_back() != Some(END) {
         let what = "the file may have been cut off, so keys that are not in it are not deleted".to_owned();
-        return Err(text::at(file, file.len(), Fault::new(what, "the last line of a whole file is `# end`")));
+        return Err(text::at(file, file.len(), Fault::new(what, "the last line of a complete file is `# end`")));
     }
     let mut wanted: BTreeMap<Key, Option<(Datum, Value)>> =
         values.into_iter().map(|(key, value)| (key, Some(value))).collect();

@@ -210,9 +210,7 @@ impl Carrying<'_> {
             (Kind::Shield { bound: old_bound }, Kind::Shield { bound }) => {
                 let is_held_up = cell.phase == Phase::Second;
                 if is_held_up && old_bound.map(|bound| bound.after) != bound.map(|bound| bound.after) {
-                    return Err(
-                        self.misfit(o, "its `shield` delays a stop, and the limit of the `shield` is another one now")
-                    );
+                    return Err(self.misfit(o, "its `shield` delays a stop, and the limit of the `shield` has changed"));
                 }
                 if let (true, Some(before), Some(bound)) = (is_held_up, old_bound, bound) {
                     self.draft.timers.insert(before.timer, bound.timer);

@@ -191,7 +191,7 @@ impl Walk<'_> {
                 let diagnostic = Diagnostic::new(Code::E0413, span, message);
                 let help = match is_handed {
                     true => {
-                        "take the resource only once: a group that is handed a resource holds it as long as the group runs"
+                        "take the resource only once: a group that gets a resource holds it as long as the group runs"
                     }
                     false => "take the resource only once",
                 };

@@ -258,7 +258,7 @@ impl Parser<'_> {
         let first = self.span();
         let length = 2 + usize::from(self.kind(2) == Ident);
         let last = self.token(length).filter(|last| last.kind == RightParen);
-        let found = self.report(Code::E0001, "a limit stands without parentheses: `a within 5 s`");
+        let found = self.report(Code::E0001, "write a limit without parentheses: `a within 5 s`");
         if let (Some(found), Some(last)) = (found, last) {
             let none = |span: Span| Edit { span, text: String::new() };
             let edits = vec![none(first), none(Span { start: last.start, end: last.end, ..first })];

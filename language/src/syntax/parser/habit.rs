@@ -17,7 +17,7 @@ const TURN: &str = "`a ; b` runs b when a is done";
 const ROUND: &str = "`a ;; b` runs both in turn for ever; `(a ;; b) # until` runs both in turn until `until` ends";
 const FAILURE: &str = "`a else b` runs b when a fails; `a finally b` runs b when a has ended in any way";
 const CHOICE: &str = "to continue by the outcome of a process, write `p : match { found => q, else => r }`; to continue after a failure, write `p else q`";
-const LIMIT: &str = "a time limit stands behind its operand: `a within 5 s`";
+const LIMIT: &str = "write a time limit after its operand: `a within 5 s`";
 const OFTEN: &str = "`each i in 0..3 (a)` runs a three times; `a ;; wait(1 s)` runs a for ever; `repeat a until found` runs a until it ends with this outcome; `retry(3) a` runs a again when it fails";
 const PAUSE: &str = "`wait(5 s)` waits, as in `a ; wait(5 s) ; b`";
 const NAME: &str = "a name alone runs its process, as in `a ; b`; `a # b` stops one when the other ends";
@@ -163,7 +163,7 @@ impl Parser<'_> {
         let help = if self.is_operand_name(0) {
             "`a ; b` runs b when a is done; `a, b` runs both at once"
         } else if self.at(LeftParen) {
-            "write only the name of a process to run it; its arguments stand in its declaration"
+            "write only the name of a process to run it; write its arguments in its declaration"
         } else {
             ""
         };

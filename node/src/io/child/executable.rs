@@ -57,7 +57,7 @@ fn check_permission(file: &Path) -> Result<(), String> {
     }
     let is_closed = statvfs(file).is_ok_and(|found| found.f_flag.contains(StatVfsMountFlags::NOEXEC));
     Err(if is_closed {
-        "is on a file system from which nothing is executed: it is mounted with `noexec`".to_owned()
+        "is on a file system that is mounted with `noexec`, so it cannot be executed".to_owned()
     } else {
         "is not executable by this user".to_owned()
     })
@@ -88,7 +88,7 @@ fn check_format(path: &Path, search: &OsStr, interpreters: usize) -> Result<(), 
 fn check_script(script: &Script, search: &OsStr, interpreters: usize) -> Result<(), String> {
     let Script { interpreter, argument, has_carriage_return } = script;
     if interpreter.is_empty() {
-        return Err("names no interpreter behind `#!` in its first line".to_owned());
+        return Err("names no interpreter after `#!` in its first line".to_owned());
     }
     if *has_carriage_return {
         return Err(

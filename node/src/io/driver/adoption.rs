@@ -20,7 +20,7 @@ pub(super) fn replay(inputs: &InputLog) -> Option<NodeState> {
     let why = match replayed {
         Ok(Ok(found)) => return found.filter(|state| !state.attachments.has_left()),
         Ok(Err(error)) => format!("{error:#}"),
-        Err(_panicked) => "its last input cannot be taken".to_owned(),
+        Err(_panicked) => "its last input cannot be processed".to_owned(),
     };
     tracing::error!(why, "the state of the previous node cannot be taken over: its programs end");
     None

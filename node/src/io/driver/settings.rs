@@ -38,6 +38,6 @@ impl Driver {
 /// Tells a program something that it can do without.
 pub(super) fn send(sender: &ControlSender, order: &Order) {
     if let Err(error) = sender.send(order) {
-        tracing::debug!(%error, "a program was not told of its parameters");
+        tracing::debug!(%error, "cannot send a program its parameters");
     }
 }

@@ -77,7 +77,7 @@ impl Database {
             }
         }
         match &origins[..] {
-            [] => Reply::Done(format!("`{robot}` has one name only, so there is nothing to retire")),
+            [] => Reply::Done(format!("`{robot}` has only one name, so there is nothing to retire")),
             _ => {
                 let names: Vec<String> = origins.iter().map(ToString::to_string).collect();
                 Reply::Done(format!(

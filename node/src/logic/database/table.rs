@@ -105,7 +105,9 @@ fn apart(clock: &Clock) -> String {
 fn lag(lag: Lag) -> String {
     match lag {
         Lag { transactions: 0, .. } => "-".to_owned(),
-        Lag { transactions, dropped, .. } if dropped > 0 => format!("{transactions}, the whole state has to be sent"),
+        Lag { transactions, dropped, .. } if dropped > 0 => {
+            format!("{transactions}: the complete state has to be sent")
+        }
         Lag { transactions, bytes, since, .. } => {
             // If the clock was not set, its time would be shown as a date in 1970.
             let since =

@@ -201,7 +201,7 @@ impl Participant {
     pub(super) fn tick_check_in(&mut self, out: &mut Out<'_>) {
         if self.activations.is_home_silent(out.now) {
             let (deployment, home) = (&self.site.deployment, &self.site.home);
-            tracing::warn!(%deployment, home, "the home has not said whether it has given this host up: its part goes on");
+            tracing::warn!(%deployment, home, "the home has not reported whether it has given up this host: this part continues");
             self.checked_in(out);
         }
     }

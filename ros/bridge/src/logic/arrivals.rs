@@ -17,7 +17,7 @@ const MESSAGE_MAX: usize = 64 << 20;
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub(crate) enum Refused {
     /// ROS 2 sends none without an attachment.
-    #[error("it has no attachment, or one of another form")]
+    #[error("it has no attachment, or the attachment has another form")]
     Attachment,
     /// It is longer than any message may be.
     #[error("it has {0} bytes, and {MESSAGE_MAX} are the limit")]

@@ -121,8 +121,8 @@ fn what_is_no_response_is_refused() {
     }
     // An answer contains the number of its request and the name of the client.
     for (attachment, end) in [
-        (None, "it has no attachment, or one of another form"),
-        (Some(vec![0; 32]), "it has no attachment, or one of another form"),
+        (None, "it has no attachment, or the attachment has another form"),
+        (Some(vec![0; 32]), "it has no attachment, or the attachment has another form"),
         (Some(attachment(1_000, 1)), "its attachment belongs to another request"),
     ] {
         let (query, answer) = call_known(&mut bridge, &queries);

@@ -305,9 +305,12 @@ fn subscriptions_have_limits_and_mistakes_are_told_in_one_sentence() {
     assert!(told.contains(&format!("{} of 10000 subscriptions refused", 10_000 - SUBSCRIPTIONS_MAX)), "{told}");
     let mut bench = Bench::new();
     bench.received();
-    for (id, channel, why) in
-        [(1, 1, ""), (1, 2, "is there already"), (2, 1, "of the channel 1"), (3, 99, "the channel 99 does not exist")]
-    {
+    for (id, channel, why) in [
+        (1, 1, ""),
+        (1, 2, "already exists"),
+        (2, 1, "the channel 1 already has"),
+        (3, 99, "the channel 99 does not exist"),
+    ] {
         bench.give(&json!({ "op": "subscribe", "subscriptions": [{ "id": id, "channelId": channel }] }));
         let (words, _) = bench.received();
         let told = words.first().map_or("", |word| word["message"].as_str().unwrap());

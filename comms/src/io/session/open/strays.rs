@@ -55,7 +55,7 @@ pub(super) async fn end_strays(session: zenoh::Session, dialler: Dialler, to_kee
             to_keeper.push(Change::Wanted(stray));
         }
         for session in twice(&mut unheard_before, unheard) {
-            tracing::debug!(session, "it stands, and no event says so");
+            tracing::debug!(session, "the link exists, but no event has reported it");
             lock(&dialler.links).stand(session);
         }
     }

@@ -39,7 +39,7 @@ pub(super) async fn introduce(
     wanted: Option<&str>,
 ) -> Result<Peer, String> {
     send(stream, &side.introduction()).await?;
-    let checked = side.check(receive(stream).await.map_err(|_end| "it does not trust this one")?);
+    let checked = side.check(receive(stream).await.map_err(|_end| "it does not trust this node")?);
     // A refused peer gets the revocations as well. A peer with revoked keys can learn of that only here, since no node accepts it.
     // The sets are signed, and contain no secret.
     let sent = send(stream, &Revocations { sets: side.identity.revocations() }).await;
