@@ -113,8 +113,8 @@ pub struct Refused {
     pub count: u64,
     /// The reason of the last refusal.
     pub why: Refusal,
-    /// The session that the last refused message claims to come from, if it names one. For a link, its owner, for
-    /// people.
+    /// The session that the last refused message claims to come from, if it names a session. For a
+    /// refused link, the name of its owner for people.
     pub from: Option<String>,
 }
 
