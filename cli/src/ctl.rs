@@ -41,7 +41,7 @@ enum Order {
     Message(Message),
     /// Ask it to suspend: its transition `on suspend` is taken
     Suspend(ConnectArgs),
-    /// Ask it to go on: its transition `on resume` is taken
+    /// Ask it to continue: its transition `on resume` is taken
     Resume(ConnectArgs),
     /// Answer one of its questions
     Answer(GivenAnswer),

@@ -217,7 +217,7 @@ impl Watch {
         };
         let now = clock::now();
         let (deadline, home) = (self.home.cut(now), self.home.host().to_owned());
-        // A question gets lost while the session is losing its link. The command would wait for its answer in vain.
+        // A question gets lost while the session is losing its link. The command would wait for its answer without success.
         clock::sleep_until(now + LOOK_EVERY).await;
         while clock::now() < deadline {
             tokio::select! {

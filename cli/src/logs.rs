@@ -48,7 +48,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Returns the name of the process. It is empty if all processes, or all processes of a deployment, are meant.
+    /// Returns the name of the process. It is empty for all processes, or for all processes of a deployment.
     fn name(&self) -> ProcessName {
         self.process.clone().unwrap_or_else(|| ProcessName::new(""))
     }

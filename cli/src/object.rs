@@ -190,7 +190,7 @@ async fn with_taps(
     done
 }
 
-/// Returns the matching processes, each once. A process that stands for a process of another deployment counts as that process.
+/// Returns the matching processes, each once. A process that stands for a process of another deployment is treated as that process.
 fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ProcessName) -> Vec<Program<'a>> {
     let programs =
         all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));

@@ -43,7 +43,7 @@ enum Verb {
     Get(Get),
     /// Change a parameter, also while its program runs
     Set(Set),
-    /// Take a change back: the value of the spec counts again
+    /// Take a change back: the value of the spec is used again
     Unset(Unset),
 }
 

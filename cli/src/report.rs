@@ -30,7 +30,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     damage.map_or(Ok(()), |_told| Err(anyhow!("the page in `{}` is not of the whole run", file.display()).into()))
 }
 
-/// Writes the page of a record. If a part of the record is missing, returns which; the user has been told.
+/// Writes the page of a record. If a part of the record is missing, returns this part. The user has already been told.
 ///
 /// # Errors
 /// The record cannot be read, or the page cannot be written.

@@ -86,7 +86,7 @@ impl Watch {
     }
 }
 
-/// Measures for how long a device has been told to rest. The time before the first command of zero does not count, even
+/// Measures how long a device has had orders to rest. The time before the first command of zero does not count, even
 /// if that calculation was delayed: a command is only certain from one calculation to the next.
 #[derive(Clone, Copy, Debug, Default)]
 struct Still {
@@ -94,12 +94,12 @@ struct Still {
 }
 
 impl Still {
-    /// Takes whether the device is told to rest in this calculation.
+    /// Takes whether the device gets an order to rest in this calculation.
     fn update(&mut self, now: Time, rests: bool) {
         self.since = if rests { self.since.or(Some(now)) } else { None };
     }
 
-    /// Returns for how long the device has been told to rest.
+    /// Returns how long the device has had orders to rest.
     fn lasts(self, now: Time) -> Duration {
         self.since.map_or(Duration::ZERO, |since| now.since(since))
     }
@@ -146,7 +146,7 @@ impl StuckForce {
     }
 }
 
-/// Notices that the laser repeats the same sweep. Sweeps without an echo do not count, because they are all equal.
+/// Notices that the laser repeats the same sweep. Sweeps without an echo are ignored, because they are all equal.
 #[derive(Clone, Debug, Default)]
 struct StuckLaser(Stuck<Vec<f64>>);
 

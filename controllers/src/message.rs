@@ -1,7 +1,7 @@
 //! The messages of the paper's processes and of the devices. SI units throughout.
 //!
 //! A stamp is the time at which the device measured, on the clock of the device's host. On one host, stamps compare
-//! with every controller's clock. Between hosts they do not, and the time of arrival counts instead.
+//! with every controller's clock. Between hosts they do not, and the time of arrival is used instead.
 //!
 //! The tool frame is at the grasp point, z along the approach; the base frame is the centre of the base on the floor.
 
@@ -100,7 +100,7 @@ messages! {
         /// The pose: x, y (m), yaw (rad), in the frame of the first sample.
         pose: [f64; 3] = "Number[3]",
     }
-    /// The base as its server shows it. Times count from the start of the host.
+    /// The base as its server shows it. Times are measured from the start of the host.
     BaseStatus {
         /// The pose by dead reckoning: x, y (m), yaw (rad), in the frame of the server's start.
         pose: [f64; 3] = "Number[3]",
@@ -115,7 +115,7 @@ messages! {
         /// The holder of the lock; empty if there is none.
         holder: String = "Text",
     }
-    /// The arm as its server shows it. Times count from the start of the host.
+    /// The arm as its server shows it. Times are measured from the start of the host.
     ArmStatus {
         /// The angles of the joints (rad).
         angles: [f64; 6] = "Angle[6]",
@@ -130,7 +130,7 @@ messages! {
         /// The holder of the lock; empty if there is none.
         holder: String = "Text",
     }
-    /// The gripper as its server shows it. Times count from the start of the host.
+    /// The gripper as its server shows it. Times are measured from the start of the host.
     GripperStatus {
         /// The distance between the fingers (m).
         width: f64 = "Length",

@@ -6,7 +6,7 @@
 //! | [`clock`] | the hybrid clock of one replica | timestamps extend causality; no date is refused |
 //! | [`state`] | the versions of each key | T1 convergence, T2 one serial order, T3 whole transactions |
 //! | [`log`] | each origin's transactions, gap-free and chained | T6 a dot names one transaction, T7 liveness |
-//! | [`merge`] | the merge of two states when a replica comes back | nothing is lost, hidden or brought back |
+//! | [`merge`] | the merge of two states when a replica returns | nothing is lost, hidden or brought back |
 //! | [`member`] | the members of the team | admission and the retire barrier |
 //! | [`owner`] | the owners of prefixes | terms that fence; conditions there hold for the team |
 //! | [`gc`] | removal of data that every member has | T5 nothing comes back |

@@ -103,7 +103,7 @@ impl Controller for Base {
         Ok(Self {
             limit: arguments.number("limit"),
             motion: Motion::default(),
-            // The newest command counts.
+            // The newest command is used.
             commands: Queue::new(4, Full::DropOldest),
             wheels: Lock::new(LockSettings { lease: LEASE, preempt_after: None, waiting_max: 8 }),
             last: Time::ZERO,
@@ -232,7 +232,7 @@ impl Controller for Pilot {
             outputs.motion.call((), WITHIN);
         }
         if let Some(why) = self.user.lost() {
-            // Another client may have driven in between: this one goes on from the present place.
+            // Another client may have driven in between: this one continues from the present place.
             if why == Denied::TooManyWait {
                 return Progress::Aborted("too many want the wheels".to_owned());
             }

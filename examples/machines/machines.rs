@@ -97,7 +97,7 @@ impl Controller for Machine {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &MachineInputs, outputs: &mut MachineOutputs) -> Progress {
-        // A client repeats its command all the time: a machine without recent commands stands still.
+        // A client repeats its command all the time: a machine without recent commands stops.
         if let Some(command) = inputs.command.fresh_within(tick.now, Duration::from_millis(100)) {
             self.obey(*command, tick.elapsed);
         }

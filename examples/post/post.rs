@@ -167,7 +167,7 @@ impl Controller for Customer {
             self.is_waiting = false;
             match end {
                 SendEnd::Accepted => self.accepted += 1,
-                // The clerk is busy: the order is handed in once more.
+                // The clerk is busy: the order is sent again.
                 SendEnd::Rejected(_) => self.sent -= 1,
                 SendEnd::Unknown(error) => return Progress::Aborted(format!("there is no clerk: {error}")),
                 SendEnd::Deadline | SendEnd::Gone => return Progress::Aborted("the clerk does not answer".to_owned()),

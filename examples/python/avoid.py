@@ -26,7 +26,7 @@ class Avoid:
 
     @dca.procedure
     def Enable(self, request: ros.std_srvs.SetBool_Request) -> ros.std_srvs.SetBool_Response:
-        """Lets it drive, or has it stand."""
+        """Lets the base drive, or stops it."""
         self.enabled = request.data
         return ros.std_srvs.SetBool_Response(success=True, message="driving" if request.data else "standing")
 

@@ -36,7 +36,7 @@ class Judge:
     In = dca.In(Grip)
 
     def init(self, value):
-        # The import and the training take longer than a period, so they run beside the loop.
+        # The import and the training take longer than a period, so they run in parallel to the loop.
         self.learning, self.votes = dca.offload(learn), []
 
     def main_calc(self, tick):

@@ -78,7 +78,7 @@ class LowPass:
 
 
 class Despike:
-    """Leaves out single wrong readings of a force sensor: the previous one counts in their place."""
+    """Leaves out single wrong readings of a force sensor: the previous reading is used instead."""
 
     def __init__(self) -> None:
         self.last, self.doubted = None, False

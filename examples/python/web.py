@@ -28,7 +28,7 @@ class Web:
         self.bound: int | None = None
 
     def init(self, value):
-        # The loop of asyncio has a thread of its own. What both share is replaced as a whole, and never changed.
+        # The loop of asyncio has a thread of its own. The data that both share is replaced as a whole, and never changed.
         threading.Thread(target=lambda: asyncio.run(self.serve()), daemon=True).start()
 
     def main_calc(self, tick):

@@ -100,7 +100,7 @@ def dora(folder: Path, venv: Path, size: int, rounds: int) -> float:
 
 
 def start(*command: str) -> float:
-    """Returns the time of the processor that a command takes, in milliseconds: other load does not count."""
+    """Returns the time of the processor that a command takes, in milliseconds: other load is not included."""
     began = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(command, cwd=HERE, stdout=subprocess.DEVNULL, check=True)
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)

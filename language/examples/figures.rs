@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 use std::hint::black_box;
 use std::time::Duration;
 
-/// Runs of each measurement, of which the best counts.
+/// Runs of each measurement, of which the best is used.
 const RUNS: usize = 5;
 /// Events of one run.
 const EVENTS: u64 = 20_000_000;

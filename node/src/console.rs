@@ -193,7 +193,7 @@ pub fn failed() -> Option<&'static io::Error> {
     FAILED.get()
 }
 
-/// Writes the output of a program. Returns whether standard output has a reader. Without a reader, the command has no reason to go on.
+/// Writes the output of a program. Returns whether standard output has a reader. Without a reader, the command has no reason to continue.
 ///
 /// # Errors
 /// The output cannot be written.

@@ -380,8 +380,8 @@ fn append(path: &Path) -> anyhow::Result<File> {
     file::appended(path, Privacy::Own).with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Returns the end of a log; none if the log is missing, or has no complete line. An incomplete last line, after a power cut or on a full
-/// disk, does not count.
+/// Returns the end of a log; none if the log is missing, or has no complete line. An incomplete
+/// last line, after a power cut or on a full disk, is ignored.
 fn read(path: &Path) -> anyhow::Result<Option<Log>> {
     let file = match file::opened(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

@@ -277,8 +277,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         Some(system)
     }
 
-    /// Checks that something else ends a process while a program hangs. An end of the process by itself does not count,
-    /// since it may never happen.
+    /// Checks that something else ends a process while a program hangs. An end of the process by
+    /// itself is not included, because it may never happen.
     fn ends_beside_a_hang(&self, hung: ProcessRef, who: ProcessRef, limit: Option<Duration>) -> Option<Finding> {
         let times = self.times.without_end(&self.leaves_of(hung), &self.leaves_of(who));
         let span = match who.member {

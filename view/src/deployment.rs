@@ -56,7 +56,7 @@ pub struct Process {
     pub since: Since,
     /// The process id of its program.
     pub pid: Option<u32>,
-    /// How often its program was started again, as far as events tell.
+    /// How often its program was started again, according to events.
     pub restarts: u32,
     /// The states of an activity that runs.
     pub states: Vec<String>,
@@ -107,7 +107,7 @@ pub struct End {
     pub is_told: bool,
 }
 
-/// The last change of a process, as events tell it.
+/// The last change of a process, according to events.
 #[derive(Clone, Debug)]
 pub(crate) struct Moment {
     pub(crate) at: Time,
@@ -211,7 +211,7 @@ impl Process {
     pub fn mark_text(&self, health: Health) -> String {
         match (health, &self.last) {
             (Health::Quiet, Some(last)) => last.text.clone(),
-            // `idle, aborted: SIGSEGV`: the reason counts.
+            // `idle, aborted: SIGSEGV`: the reason is used.
             (Health::Failed, _) => {
                 let reason = ["idle, ", "ended, "].into_iter().find_map(|word| self.state.strip_prefix(word));
                 reason.unwrap_or(&self.state).to_owned()

@@ -43,7 +43,7 @@ impl History {
         self.left = gone.map_or(self.left, |oldest| self.left.max(oldest.at));
     }
 
-    /// Returns the changes of a deployment in the order in which they were told.
+    /// Returns the changes of a deployment in the order in which they were reported.
     pub(crate) fn of(&self, mission: &MissionId) -> impl Iterator<Item = &PastChange> {
         self.changes.iter().filter(move |one| one.mission == *mission)
     }

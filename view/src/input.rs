@@ -1,4 +1,4 @@
-//! The inputs of the model: what nodes and programs tell.
+//! The inputs of the model: the reports of nodes and programs.
 
 use crate::identity::{Fleet, MissionId, RobotId};
 use language::plan::Plan;

@@ -24,7 +24,7 @@ pub enum Mark {
     Lost,
 }
 
-/// How the last activation of a process has ended, as events tell it.
+/// How the last activation of a process has ended, according to events.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LastEnd {
     /// Its mark.

@@ -140,7 +140,7 @@ impl Model {
         self.position
     }
 
-    /// Returns whether the model as a whole is live: some node has answered lately.
+    /// Returns whether the model as a whole is live: a node has answered recently.
     pub fn freshness(&self, now: Time) -> Freshness {
         Freshness::of(self.heard, now)
     }
@@ -170,7 +170,7 @@ impl Model {
         self.deployments.values().find(|live| live.plan.as_ref().is_some_and(|plan| plan.number == number))
     }
 
-    /// Returns the changes of the processes of a deployment, in the order in which they were told.
+    /// Returns the changes of the processes of a deployment, in the order in which they were reported.
     pub fn history(&self, mission: &MissionId) -> impl Iterator<Item = &PastChange> {
         self.history.of(mission)
     }
@@ -354,7 +354,7 @@ impl Model {
             }
         }
         for one in &absent.processes {
-            // A node tells it of the deployments that it has a part of.
+            // A node reports the deployments of which it has a part.
             let Some(id) = self.on(teller).find(|id| id.deployment == one.deployment).cloned() else { continue };
             let Some(room) = self.room_for(&id) else { continue };
             let (number, before) = (self.position.number, None);
@@ -482,7 +482,7 @@ impl Model {
     }
 }
 
-/// Returns whether a report tells of a failure.
+/// Returns whether a report is about a failure.
 fn is_failure(report: &Report) -> bool {
     let is_bad_end = |ending: &Ending| matches!(ending, Ending::Aborted(_) | Ending::Unconfirmed);
     if let Report::Process { change, .. } = report {

@@ -20,7 +20,7 @@ pub enum Presence {
     Here,
     /// It does not answer; the reason.
     Silent(String),
-    /// Other nodes count it as lost.
+    /// Other nodes treat it as lost.
     Lost,
 }
 

@@ -1,4 +1,4 @@
-//! The record of a mission that is being watched, if it is kept. Each gap in it is told once.
+//! The record of a mission that is being watched, if it is kept. Each gap in the record is reported once.
 
 use super::record_folder::end_record;
 use crate::io::recorder::Recorder;

@@ -241,7 +241,7 @@ impl Keyring {
     }
 }
 
-/// Returns whether the path exists. A dangling link also counts, for example to a USB stick that is not plugged in.
+/// Returns whether the path exists. A dangling link is also included, for example a link to a USB stick that is not plugged in.
 fn is_there(path: &Path) -> bool {
     path.symlink_metadata().is_ok()
 }

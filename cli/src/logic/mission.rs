@@ -176,7 +176,7 @@ impl Mission {
         }
     }
 
-    /// Adds whole lines of the program `path`. Lines that arrive after the end also count.
+    /// Adds whole lines of the program `path`. Lines that arrive after the end are also included.
     pub fn wrote(&mut self, path: &str, text: &str) {
         self.late.wrote(path, text);
     }

@@ -93,7 +93,7 @@ fn stand_in(plan: &Plan, recorded: &BTreeMap<String, u64>, index: u32, leaf: &Le
     StandIn { leaf: index, outputs: played.into_iter().chain(silent).map(str::to_owned).collect(), recorded }
 }
 
-/// Returns whether a leaf only sends. The bridge to ROS 2 stands for sensors and actuators, and counts as a sensor. An
+/// Returns whether a leaf only sends. The bridge to ROS 2 represents sensors and actuators, and is treated as a sensor. An
 /// activity does not count: it decides again which values it sends.
 fn is_source(plan: &Plan, index: u32) -> bool {
     let is_bridge = plan.leaves.get(index as usize).is_some_and(|leaf| leaf.module == BRIDGE);

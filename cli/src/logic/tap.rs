@@ -142,7 +142,7 @@ impl Rate {
         self.size += u64::try_from(tapped.bytes.len()).unwrap_or(u64::MAX);
     }
 
-    /// Returns a new rate that begins with the last value. Earlier values no longer count.
+    /// Returns a new rate that begins with the last value. Earlier values are no longer counted.
     pub(crate) fn next(&self) -> Self {
         Self { first: self.last, last: self.last, ..Self::default() }
     }

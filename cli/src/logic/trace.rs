@@ -131,8 +131,8 @@ impl Spans {
     }
 }
 
-/// Returns the lines of a record's trace. The name of the deployment becomes the name of the service. Times count from
-/// `go`, which is since 1970.
+/// Returns the lines of a record's trace. The name of the deployment becomes the name of the
+/// service. Times are measured from `go`, which is a time since 1970.
 pub(crate) fn lines(run: &Run, go: Duration) -> Vec<String> {
     let accepted = |entry: &Entry| {
         if let Entry::Report(Report::Accepted { deployment }) = entry { Some(deployment.to_string()) } else { None }

@@ -105,7 +105,7 @@ impl Workspace {
         self.forget(&path);
     }
 
-    /// Closes a document. From now on, the file on the disk counts.
+    /// Closes a document. From now on, the file on the disk is used.
     pub(super) fn close(&mut self, uri: &str) {
         if let Some(document) = self.documents.remove(uri) {
             self.forget(&document.path);

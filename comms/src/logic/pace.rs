@@ -4,7 +4,7 @@
 //! front of the bytes separates the two parts ([`Pace::timed`]). Without such a message, two answers of different size are compared.
 //! While only one size is known, the next request is four times as large.
 //!
-//! A node counts another node as failed after 6 s of silence. Messages of nodes wait behind the bytes of an answer, so these bytes
+//! A node treats another node as failed after 6 s of silence. Messages of nodes wait behind the bytes of an answer, so these bytes
 //! take less than 6 s on any link.
 
 use std::time::Duration;

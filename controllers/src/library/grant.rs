@@ -61,7 +61,7 @@ impl Grant {
         Ok(Self { device, name, priority, user, waiting: None, fence: None, has_said_all: false, released: None })
     }
 
-    /// Begins an activation: a grant from an earlier activation does not count.
+    /// Begins an activation. A grant from an earlier activation is not used.
     ///
     /// # Errors
     /// As in [`Grant::new`].

@@ -148,7 +148,7 @@ impl Controller for GripperControl {
         let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
             Right::Command(fence) => fence,
             Right::Wait => {
-                // The time of the task counts from the first motion of its fingers.
+                // The time of the task is measured from the first motion of its fingers.
                 self.started = tick.now;
                 return Progress::Continue;
             }

@@ -99,7 +99,7 @@ impl RateMonitor {
             self.window_end = now + WINDOW;
             self.gaps = [self.gaps[1], Duration::ZERO];
         }
-        // A gap counts while it lasts, not only when it is over.
+        // A gap is counted while it lasts, not only when it is over.
         let until = beat.map_or(now, |(_, arrived)| arrived);
         if let Some((_, arrived)) = self.last {
             self.gaps[1] = self.gaps[1].max(until.since(arrived));

@@ -4,7 +4,7 @@ use comms::logic::time::Time;
 use std::time::Duration;
 
 /// Clocks of two hosts are not comparable. If a sample seems older than this when it arrives, or comes from the future,
-/// its stamp is from another clock. Then its age counts from its arrival.
+/// its stamp is from another clock. Then its age is measured from its arrival.
 const FOREIGN: Duration = Duration::from_secs(10);
 
 /// If a sample has been repeated so often, this is reported when its reader fails.

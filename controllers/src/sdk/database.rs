@@ -105,7 +105,7 @@ pub enum Unknown {
 /// events start again with [`WatchEvent::Begin`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WatchEvent {
-    /// The present values come next. All earlier values of these keys no longer count.
+    /// The present values come next. All earlier values of these keys are no longer valid.
     Begin,
     /// Some of the present values.
     Present(Vec<Entry>),
@@ -154,7 +154,7 @@ impl Transaction {
         self
     }
 
-    /// Adds a value. If a key gets several values, the last one counts.
+    /// Adds a value. If a key gets several values, the last value is used.
     #[must_use]
     pub fn put(mut self, key: impl Into<String>, value: impl Into<Value>) -> Self {
         let value = value.into();

@@ -33,7 +33,7 @@ pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
 
     /// Returns when the message was measured, on the clock of the device's host. The age of the
     /// sample is measured from this time, even if the sample was in transit for long. Returns none
-    /// if it was not measured; then its age counts from its arrival.
+    /// if it was not measured; then its age is measured from its arrival.
     fn stamp(&self) -> Option<Time> {
         None
     }
@@ -158,8 +158,9 @@ impl<T: Message> In<T> {
 /// The largest number of values that an [`Every`] keeps; a further value replaces the oldest.
 pub const EVERY_MAX: usize = 8192;
 
-/// An input that keeps every value that has arrived since the last calculation, in order. It is for values of which
-/// each one counts, not only the latest. With `queue 1000` the spec sets how many values wait before the input.
+/// An input that keeps every value that has arrived since the last calculation, in order. It is for
+/// values that are all needed, not only the latest. With `queue 1000` the spec sets how many values
+/// wait before the input.
 #[derive(Debug)]
 pub struct Every<T> {
     values: VecDeque<T>,
@@ -180,7 +181,7 @@ impl<T: Message> Every<T> {
     }
 
     /// Returns how many values were sent to this input in this activation but were never among its values: see
-    /// [`In::lost`]. Values for which this input had no room also count.
+    /// [`In::lost`]. Values for which this input had no room are also counted.
     pub fn lost(&self) -> u64 {
         self.lost
     }

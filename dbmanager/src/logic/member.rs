@@ -11,9 +11,9 @@
 //! retired a newcomer of that sponsor which it does not know. For an unknown sponsor, the sponsor's own sponsor decides.
 //!
 //! *Retiring.* A replica that has applied a retirement no longer exchanges messages with the retired origin, but takes its
-//! transactions from others. For garbage collection the origin still counts until each remaining member has the retirement
-//! (the *barrier*). After the barrier no member takes anything new from the origin, and everything that any member took
-//! before is here.
+//! transactions from others. For garbage collection, the origin is still included until each
+//! remaining member has the retirement (the *barrier*). After the barrier no member takes anything
+//! new from the origin, and everything that any member took before is here.
 //!
 //! *Coming back.* `sys/brought/<origin>/<n>` lists the transactions that came with that origin when it was admitted: the
 //! origins that are not members, each with its last number. See [`merge`](crate::logic::merge).

@@ -2,13 +2,13 @@
 //! team.
 //!
 //! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or no name if the prefix was released. Without such
-//! a record, `robot/<name>/…` belongs to that robot with term 0. The longest matching prefix counts.
+//! a record, `robot/<name>/…` belongs to that robot with term 0. The longest matching prefix is used.
 //!
 //! *Rule.* Other robots refuse to write below the prefix, and name the owner, so that the request
 //! can be sent to it. The owner may give the prefix to any robot. If the prefix has no owner, any
 //! robot may give it to a robot. An operator may *take it over* by force. The term of each grant is
 //! one above the term that its writer knows. Among grants that did not see each other, the larger
-//! term counts, then the later timestamp.
+//! term wins, then the later timestamp.
 //!
 //! *Why no write passes unseen.* A robot that is cut off keeps writing after a takeover, or before the first owner.
 //! Consider a write and a grant to another robot, neither of which has seen the other. Such a write is kept, and listed as

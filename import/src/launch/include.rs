@@ -12,7 +12,7 @@ use language::Source;
 
 /// The deepest nesting of files.
 const DEPTH_MAX: usize = 16;
-/// The most files that are read. A file counts each time that it is included.
+/// The most files that are read. A file is counted each time that it is included.
 const FILES_MAX: usize = 100;
 /// The endings of files that `ros2 launch` finds in a package.
 const LAUNCH_FILES: [&str; 3] = ["launch.py", "launch.xml", "launch.yaml"];

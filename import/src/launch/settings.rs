@@ -11,7 +11,7 @@ use crate::name::{identifier, is_hidden};
 use crate::remark::RemarkKind;
 use std::collections::BTreeMap;
 
-/// The settings of a node, in the order in which they count.
+/// The settings of a node, in the order in which they apply.
 #[derive(Debug, Default)]
 pub(super) struct Settings {
     pub(super) parameters: Vec<Parameter>,

@@ -66,7 +66,7 @@ fn statement_of(writer: &Writer<'_>, statement: &str) -> Option<String> {
     }
 }
 
-/// An action that ends the time of a delayed event. The last `<send>` or `<cancel>` counts, so it also takes back a start.
+/// An action that ends the time of a delayed event. The last `<send>` or `<cancel>` is valid, so it also takes back a start.
 fn cancel(writer: &mut Writer<'_>, node: Node<'_>) -> String {
     let Some(id) = node.attribute("sendid") else {
         return writer.remark(node, RemarkKind::Missing, "<cancel> without a fixed `sendid` is left out");

@@ -51,7 +51,7 @@ pub(super) struct Model<'a> {
     pub(super) variables: BTreeMap<&'a str, Variable<'a>>,
     /// The delayed events that need a region of their own.
     pub(super) clocks: BTreeMap<ClockKey, Clock>,
-    /// The variables that say whether a signal has told of the completion of a parallel state, by the number of its node.
+    /// The variables that say whether a signal has reported the completion of a parallel state, by the number of its node.
     pub(super) told: BTreeMap<u32, String>,
     /// The names that transitions wait for, with the states of these transitions.
     awaited: Awaited,
@@ -122,7 +122,7 @@ impl<'a> Model<'a> {
             .any(|states| states.iter().any(|state| Some(*state) != besides))
     }
 
-    /// Whether a signal tells of the completion of a state, because not only this state waits for it.
+    /// Whether a signal reports the completion of a state, because not only this state waits for it.
     pub(super) fn tells_completion(&self, state: Node<'_>) -> bool {
         let event = event::completion_of(state);
         let is_needed = self.has_any || self.is_awaited(&event, Some(state));

@@ -74,7 +74,7 @@ fn unknown<'a>(context: &mut Context<'a>, node: Node<'a>, name: &str) -> Result<
     Ok(Piece::joined(";", children(context, node, Around::Sequence)?))
 }
 
-/// How many children a threshold means; a negative one counts from the end.
+/// How many children a threshold means; a negative number counts from the end.
 fn threshold(context: &Context<'_>, node: Node<'_>, value: i64) -> Result<usize, ImportError> {
     let count = elements(node).count();
     let signed = i64::try_from(count).unwrap_or(i64::MAX);

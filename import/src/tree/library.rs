@@ -124,7 +124,7 @@ impl<'a> Library<'a> {
     /// Returns the tree that a robot runs.
     ///
     /// # Errors
-    /// The file names a tree that it does not have, or does not say which of several trees is meant.
+    /// The file names a tree that it does not have, or does not name one of several trees.
     pub(super) fn main(&self, file: File<'a>) -> Result<&'a str, ImportError> {
         let wrong = |why: String| Err(ImportError::at(file.name, file.root, why));
         let names: Vec<&'a str> = self.trees.keys().copied().collect();

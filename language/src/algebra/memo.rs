@@ -59,7 +59,7 @@ struct Root {
     footprints: Vec<usize>,
     /// How many effects are kept.
     count: u32,
-    /// How many lookups were in vain, less the successful ones.
+    /// The number of failed lookups, minus the number of successful lookups.
     missed: u32,
 }
 

@@ -16,7 +16,7 @@
 //!                                                                                   operator's outcome
 //!   acq(res,E,v)             Waiting, outcome =       shieldK(C)                    Second; `shield` after its bound:
 //!                            done(v), in the queue                                  Stopping
-//!   arec: P done(u), pool    P: Done, outcome =       arec that ends                Draining, but its pool goes on
+//!   arec: P done(u), pool    P: Done, outcome =       arec that ends                Draining, but its pool continues
 //!   full                     done(u)
 //!   fin1(C,F)                Running; stop: Stopping  fin2(o,C)                     Second, outcome = o
 //! ```

@@ -3,7 +3,7 @@
 //! # How a reaction runs
 //! An event reaches one leaf through its seat (or one timer, or the root), the leaf yields an [`Outcome`], and the
 //! outcome climbs along the parent links: at each operator its completion function either absorbs the outcome (the
-//! operator goes on, the reaction ends) or turns it into the operator's own. On the way, operators start and stop whole
+//! operator continues, the reaction ends) or turns it into the operator's own. On the way, operators start and stop whole
 //! operands, which descends by recursion, at most `DEPTH_MAX` deep. A `;;` loops in place. So a reaction costs the
 //! depth of the leaf plus the number of nodes that it starts or stops, and terminates.
 //!
@@ -94,7 +94,7 @@ use std::ops::IndexMut;
 /// it ended.
 ///
 /// `state` must have been made for `program`. After an outcome the same state can be started again; the numbers of
-/// activations go on. Harmless: an event with a number that is not current (dropped), `Start` of a group that runs
+/// activations continue. Harmless: an event with a number that is not current (dropped), `Start` of a group that runs
 /// (dropped), `Stop` of a group that is stopping (dropped), `Stop` of an idle group (`Stopped` at once).
 ///
 /// Allocates only for tuples of values that are not all empty, for tags that `as` gives, and for the texts of reasons that
@@ -163,7 +163,7 @@ struct Reaction<'a, C, S> {
     state: &'a mut State<C, S>,
     commands: &'a mut Vec<Command>,
     ended: Option<&'a mut Vec<usize>>,
-    /// The end of a member that an activity has still to be told of.
+    /// The end of a member that an activity does not know yet.
     notice: Option<usize>,
 }
 

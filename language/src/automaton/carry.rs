@@ -80,7 +80,7 @@ struct Change<'a> {
 }
 
 impl Change<'_> {
-    /// Moves the active states, and checks that their runs can go on.
+    /// Moves the active states, and checks that their runs can continue.
     fn states(&self, next: &mut Configuration) -> Result<(), &'static str> {
         for state in (0..self.states.len()).filter(|&state| self.place.active[state]) {
             let there = self.states[state].ok_or("a state that the activity is in does not exist any more")?;

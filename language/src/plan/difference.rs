@@ -254,7 +254,7 @@ fn change_of_group(running: &Plan, plan: &Plan, number: u32) -> Option<PlanChang
     (!why.is_empty()).then(|| PlanChange::Act { group: number, path: before.path.clone(), why })
 }
 
-/// Where the order of processes counts, it has to stay.
+/// If the order of processes matters, it has to stay the same.
 fn obstacle_of_order(running: &Plan, before: &Group, after: &Group) -> Option<String> {
     let counts = [before, after].iter().any(|group| group.supervision.strategy == Strategy::RestForOne);
     let names = |group: &Group| group.members.iter().map(|member| member.name.clone()).collect::<Vec<_>>();

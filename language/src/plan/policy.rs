@@ -38,8 +38,8 @@ pub enum Replacement {
     /// It is ended, and then the next one is started.
     #[default]
     BreakBeforeMake,
-    /// The next program is started beside it, takes its connections over between two values, and then this one is
-    /// ended.
+    /// The next program is started while this program runs, and takes over its connections between
+    /// two values. Then this program is ended.
     Overlap,
 }
 

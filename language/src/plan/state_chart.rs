@@ -44,7 +44,7 @@ pub struct Question {
     pub text: String,
     /// The answers.
     pub options: Vec<String>,
-    /// The answer that counts after a time; none if the activity waits for ever.
+    /// The answer that is used after a time. None if the activity waits for ever.
     pub default: Option<DefaultAnswer>,
 }
 
@@ -82,11 +82,11 @@ pub struct StateRun {
 pub enum Notice {
     /// A person asks the activity to suspend.
     Suspend,
-    /// A person asks the activity to go on.
+    /// A person asks the activity to continue.
     Resume,
     /// A host is lost.
     HostLost(String),
-    /// A host cannot be reached, and may come back.
+    /// A host cannot be reached, and may return.
     LinkLost(String),
     /// A parameter of a member has another value.
     ParameterChanged {

@@ -36,7 +36,7 @@ pub(crate) fn kill_descendants() {
     }
 }
 
-/// Returns whether this process has no descendants. A child that has ended counts until it is reaped.
+/// Returns whether this process has no descendants. A child that has ended is counted until it is reaped.
 fn is_childless() -> bool {
     let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
     waitid(WaitId::All, look).is_err_and(|error| error == Errno::CHILD)

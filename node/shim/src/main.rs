@@ -372,8 +372,8 @@ impl Supervision<'_> {
         }
     }
 
-    /// Keeps the reason why the program is being ended. The first reason counts, and there is none if it was asked to
-    /// stop.
+    /// Keeps the reason why the program is being ended. The first reason is used. There is no
+    /// reason if the program was asked to stop.
     fn give_reason(&mut self, why: EndReason) {
         if !self.killing && self.deadline.is_none() {
             self.why = Some(why);
@@ -400,7 +400,7 @@ impl Supervision<'_> {
         self.deadline = Some(now() + KILL_AGAIN);
     }
 
-    /// Asks the main process to end; a second, shorter grace counts.
+    /// Asks the main process to end. If this is called again with a shorter grace, the shorter grace is used.
     fn stop(&mut self, grace: Duration) {
         if self.killing {
             return;

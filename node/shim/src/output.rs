@@ -165,7 +165,7 @@ impl LogFile {
         Ok(Self { dir: dir.to_owned(), file: Some(file) })
     }
 
-    /// Appends, and drops output that does not fit on the disk: the program goes on.
+    /// Appends, and drops output that does not fit on the disk: the program continues.
     fn append(&mut self, bytes: &[u8]) {
         let path = self.dir.join(OUTPUT_FILE);
         // A removed file can no longer be read, and would grow without end.

@@ -6,7 +6,7 @@
 //! shim 4711 1234567
 //! program 4712 1234569
 //! ```
-//! A record counts in the boot of the kernel that it names, and only there: a process number and the start time name one
+//! A record is valid only in the boot of the kernel that it names: a process number and the start time name one
 //! process. So the record need not survive a power cut, and the file is not synced. A torn last line is ignored.
 
 use std::time::Duration;

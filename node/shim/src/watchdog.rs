@@ -1,9 +1,9 @@
 //! Whether a program hangs: it gives no sign of life for too long, or prepares for too long.
 //!
-//! Only time that the watcher has witnessed counts. If the watcher itself was late, because the host slept,
+//! Only time in which the watcher ran is counted. If the watcher itself was late, because the host slept,
 //! was suspended or is overloaded, the program gets a new bound. A false alarm costs a mission, and a late
-//! alarm costs only some seconds. A watcher that is late every time has had many turns while the program had
-//! none; then that time also counts.
+//! alarm costs only some seconds. If a watcher is late every time, it has had many turns while the
+//! program had none. Then this time is also counted.
 
 use comms::logic::time::Time;
 use shim::protocol::EndReason;
@@ -80,7 +80,7 @@ impl Watchdog {
                 // A started program reports when it is ready. If a program only runs its `Init`, a
                 // sign of life without `X_INIT` shows that the `Init` is over.
                 (Some(Preparation { number: Some(_), .. }), None) if line == "WATCHDOG=1" => self.preparation = None,
-                // Its signs of life count from here on.
+                // From here on, the time without a sign of life is measured.
                 _ if line == "READY=1" => {
                     (self.preparation, self.silent) = (None, self.silent.map(|_| Duration::ZERO));
                 }
@@ -218,7 +218,7 @@ mod tests {
         let mut world = World::new(None, Some(READY), true);
         world.hear("STATUS=here\nREADY=1\n");
         assert_eq!(world.pass(10_000), None);
-        // With a watchdog as well, its signs of life count from when it is ready.
+        // With a watchdog as well, the time without a sign of life is measured from when it is ready.
         assert_eq!(World::new(Some(BOUND), Some(READY), true).pass(10_000), Some((1000, SLOW)));
         let mut world = World::new(Some(BOUND), Some(READY), true);
         assert_eq!(world.pass(900), None);

@@ -1,8 +1,8 @@
 //! Sends the answers to a call. Says at the end that they are complete, or why not.
 //!
 //! A server must not wait for a caller that takes no answers, so only a limited number of answers can wait. If an
-//! answer finds no room, the call ends, and the caller is told that its answers are incomplete. The caller is told the
-//! same if the server is gone before [`Caller::end`].
+//! answer finds no room, the call ends, and the caller is told that its answers are incomplete. The
+//! caller gets the same message if the server is gone before [`Caller::end`].
 //!
 //! A call may have a witness, which learns the outcome of the request even if the caller is gone.
 
@@ -124,7 +124,7 @@ impl Caller {
     }
 
     fn settle(&self, end: Result<(), Cow<'static, str>>) {
-        // Only the first end counts.
+        // Only the first end is used.
         self.end.set(end).unwrap_or_default();
     }
 }

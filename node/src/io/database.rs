@@ -330,7 +330,7 @@ impl Worker {
         }
     }
 
-    /// Handles a failure of the disk. Nothing of this turn counts.
+    /// Handles a failure of the disk. Nothing of this turn is valid.
     fn fail(&mut self, error: &anyhow::Error, durable: Durable, rest: Vec<Effect>) {
         self.reopen_at = clock::now();
         let effects = self.machine.fail(&words(error), durable, rest);

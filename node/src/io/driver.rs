@@ -187,7 +187,7 @@ struct Running {
 struct Queues {
     pending: VecDeque<Input>,
     events: Sender<Event>,
-    /// The jobs beside the loop.
+    /// The jobs in parallel to the loop.
     jobs: Sender<Job>,
     tasks: JoinSet<()>,
 }

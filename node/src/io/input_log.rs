@@ -9,9 +9,10 @@
 //! 2nd record  NodeState: the checkpoint
 //! then        (time, input), each written before the agent has it
 //! ```
-//! An incomplete record at the end is ignored: its input had no effects. The file is not synced, because its content is
-//! of no use after a reboot: the log of another boot does not count. When the file has grown, a new checkpoint replaces
-//! it. The file exists only while there is something that a next node could adopt.
+//! An incomplete record at the end is ignored: its input had no effects. The file is not synced,
+//! because its content is of no use after a reboot: the log of another boot is ignored. When the
+//! file has grown, a new checkpoint replaces it. The file exists only while there is something that
+//! a next node could adopt.
 
 use crate::logic::agent::Input;
 use crate::logic::node_state::NodeState;

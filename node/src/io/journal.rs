@@ -5,7 +5,7 @@
 //! line. An incomplete last line (power cut) is ignored. But its epoch is not assigned again, because the line may also
 //! have been damaged later. A file with any other damage is put aside (`journal.aside-1`). The new file begins with an
 //! epoch that no journal has reached: the seconds since 1970, or the greatest readable epoch if this is greater.
-//! Writing blocks as long as the disk takes. So the driver writes beside its loop, while programs start.
+//! Writing blocks as long as the disk takes. So the driver writes in parallel to its loop, while programs start.
 //!
 //! After a failed write, it is not known which part of the file is on the disk: a repeated sync may succeed without
 //! having written anything. So the next commit writes a new file and replaces the old one. It does the same if the file

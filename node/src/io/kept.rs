@@ -74,7 +74,7 @@ struct Wanted {
 }
 
 impl Wanted {
-    /// Adds an earlier content that could not be written. For each file, the later content counts.
+    /// Adds an earlier content that could not be written. For each file, the later content is used.
     fn again(&mut self, earlier: Self) {
         if !self.is_all {
             self.is_all = earlier.is_all;

@@ -1,7 +1,7 @@
-//! The execution policy of this host. The file `/etc/dca/policy.toml` is for all nodes of the machine. If it does not
-//! exist, `policy.toml` beside the state of the node counts.
+//! The execution policy of this host. The file `/etc/dca/policy.toml` is for all nodes of the
+//! machine. If it does not exist, the node uses `policy.toml` in the folder of its state.
 //!
-//! The file is read again for each start of a program. So a change counts from the next start on, also for a restarted
+//! The file is read again for each start of a program. So a change has effect from the next start on, also for a restarted
 //! program. No other setting decides which programs may run here, and another host cannot change it.
 
 mod place;

@@ -1,4 +1,5 @@
-//! Asks the database for the programs of this node, beside the node's loop. There is a task for each request and each watch of a program.
+//! Asks the database for the programs of this node, in parallel to the node's loop. There is a task for each request
+//! and each watch of a program.
 //!
 //! When the channel of a program is closed, its tasks end. A transaction that the database already has is still carried out completely.
 

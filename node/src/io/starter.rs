@@ -32,7 +32,7 @@ pub(crate) const JOBS_MAX: usize = 32_768;
 /// The most orders that wait for one shim.
 pub(crate) const ORDERS_MAX: usize = 64;
 
-/// A job that is done beside the loop.
+/// A job that is done in parallel to the loop.
 #[derive(Debug)]
 pub(crate) enum Job {
     Start(Box<Start>),

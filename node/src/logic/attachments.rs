@@ -15,7 +15,7 @@ use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How many orders to one program are kept until a notice shows that the program has received them. A program that has
-/// missed more orders cannot go on.
+/// missed more orders cannot continue.
 const KEPT_MAX: usize = 1024;
 
 /// A program, from its start until nothing of it is left and no caller asks for it.
@@ -25,7 +25,7 @@ pub struct Attachment {
     pub order: SpawnOrder,
     /// How many reports of its shim the agent has received.
     pub reports: u64,
-    /// Whether a report told how the program ended.
+    /// Whether a report said how the program ended.
     pub has_ended: bool,
     /// Whether the last report said that nothing of the program is left.
     pub is_gone: bool,

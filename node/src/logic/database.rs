@@ -2,8 +2,9 @@
 //!
 //! [`Database::handle`] takes all inputs since the previous call and returns the effects in order. It is driven by a
 //! separate thread (`io::database`). The thread writes all [`Effect::Persist`] of one turn together, and carries out
-//! the other effects only when these are on the disk. So callers that wait at the same time share one flush, and no
-//! caller is told of data that could be lost. The loop that supervises programs never waits for a disk.
+//! the other effects only when these are on the disk. So callers that wait at the same time share
+//! one flush, and no caller gets data that could be lost. The loop that supervises programs never
+//! waits for a disk.
 //!
 //! When the disk fails, the database is *closed*: it answers most questions, and refuses writes with the disk's error.
 //! It takes nothing from peers during that time, since it could not store anything.

@@ -69,7 +69,7 @@ pub struct ExecContext<'a> {
     pub plan: &'a Plan,
     /// Time since GO.
     pub since_go: Duration,
-    /// When its programs begin, if that is a moment in the future: times count from it.
+    /// When its programs begin, if that is a moment in the future: times are measured from it.
     pub start: Time,
 }
 

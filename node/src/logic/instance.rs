@@ -42,7 +42,7 @@ pub(super) const KILL_WITHIN: Duration = Duration::from_secs(15);
 /// How long the removal may take after its shim was killed: the shim may be suspended.
 pub(super) const SHIM_KILL_WITHIN: Duration = Duration::from_secs(5);
 
-/// Whether an activation has failed of the death of a program: each death is told once.
+/// Whether an activation has failed because of the death of a program. Each death is reported once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum DeathTold {
     No,
@@ -123,7 +123,7 @@ struct Current {
     value: Vec<u8>,
     /// The host whose loss stops it.
     lost: Option<String>,
-    /// The work that may go on outside of the program, which was told to leave.
+    /// The work that may continue outside of the program, which was told to leave.
     may_go_on: Option<String>,
 }
 
@@ -262,7 +262,7 @@ impl Instance {
         self.stage == Stage::Dead
     }
 
-    /// Returns the cause of its last end, if work outside of the program may go on.
+    /// Returns the cause of its last end, if work outside of the program may continue.
     pub fn open_work(&self) -> Option<&FailureCause> {
         self.failed.as_ref().filter(|cause| matches!(cause, FailureCause::MayGoOn(_)))
     }

@@ -64,7 +64,7 @@ struct Boot {
     /// [`Pong::origin`].
     origin: u32,
     last: Answer,
-    /// The time from which its silence counts; nothing while no answer is expected.
+    /// The time from which its silence is measured. Nothing while no answer is expected.
     owes: Option<Time>,
     /// Since when it is present.
     there_since: Time,

@@ -172,7 +172,7 @@ fn listed(names: &[&str]) -> String {
     if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
 }
 
-/// Returns the name that was probably meant.
+/// Returns the name that the user probably meant.
 fn near<'a>(name: &str, all: &[&'a str]) -> Option<&'a str> {
     language::nearest(name, all.iter().copied()).or_else(|| all.iter().copied().find(|one| stands_for(name, one)))
 }

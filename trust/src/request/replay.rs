@@ -37,7 +37,7 @@ pub struct ReplayWrite {
     pub bytes: Vec<u8>,
 }
 
-/// The numbers of one signer. Bit `i` of the blocks stands for the number `highest - i`.
+/// The numbers of one signer. Bit `i` of the blocks is for the number `highest - i`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Window {
     highest: u64,

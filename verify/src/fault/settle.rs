@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// The longest time from the loss of a host until every other host has noticed it. The next question comes within 1 s, the host counts
-/// as absent 1 s after that question, and as lost 5 s later. Round trips come on top.
+/// as absent 1 s after that question, and as lost 5 s later. Round trips are added to this time.
 pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(7);
 /// Returns the time from the loss of a host until a program beyond it stops by itself, if it does.
 pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {

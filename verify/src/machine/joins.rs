@@ -228,8 +228,8 @@ impl Writer<'_> {
     }
 
     /// `P ::[n] Q`. Phases: 1 it runs; 2 a place of the pool starts; 3 and 4 as for the other operators; 5 the source is stopped,
-    /// since something has failed; 6 the pool comes to its own end. While no place is free, `owed` tells that `kept` holds the
-    /// result of the source.
+    /// since something has failed; 6 the pool comes to its own end. While no place is free, `owed`
+    /// says that `kept` holds the result of the source.
     pub(super) fn pool(&mut self, node: Node, source: &Expression, pool: &[Expression]) {
         let operands: Vec<Expression> = std::iter::once(source).chain(pool).cloned().collect();
         let join = self.join(node, &operands);

@@ -33,7 +33,7 @@ pub(super) enum Goal {
 }
 
 impl Goal {
-    /// Returns the processes for which the beginning counts, not only their activity.
+    /// Returns the processes for which the start matters, not only their activity.
     pub(super) fn begun(&self) -> Vec<ProcessRef> {
         let events: Vec<&Occurrence> = match self {
             Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],

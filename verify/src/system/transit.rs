@@ -1,7 +1,7 @@
 //! Messages in transit between hosts: orders to start and to stop, and reports of an end.
 //!
 //! A supervisor sends the order to start a member to the node of the member's host. Until that node takes the order, the
-//! member does not run, although its supervisor counts it as active. A group that has ended reports this to the
+//! member does not run, although its supervisor treats it as active. A group that has ended reports this to the
 //! supervisor around it, which treats the group as running until the report arrives. The end of a
 //! program has effect from the moment at which its supervisor learns of it, because no other
 //! process knows it before. Messages between two hosts keep their order. A message in transit on a
@@ -119,8 +119,8 @@ impl System<'_> {
         self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + WHAT])
     }
 
-    /// Returns whether a message is in transit to or from a member. The member does not run then, although its
-    /// supervisor counts it as active.
+    /// Returns whether a message is in transit to or from a member. The member does not run then,
+    /// although its supervisor treats it as active.
     pub(crate) fn is_under_way(&self, frame: &Frame, seat: MemberRef) -> bool {
         self.message(frame, seat) != 0
     }

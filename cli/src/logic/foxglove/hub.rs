@@ -475,7 +475,7 @@ impl Hub {
         }
     }
 
-    /// Returns when the record that is played goes on.
+    /// Returns when the record that is played continues.
     pub(crate) fn deadline(&self) -> Option<Time> {
         self.recording.as_ref()?.deadline()
     }

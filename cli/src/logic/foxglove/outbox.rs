@@ -1,6 +1,6 @@
 //! The messages that wait for one client.
 //!
-//! No robot and no other client waits for a slow client. Its oldest values are left out and counted, and it is told how many.
+//! No robot and no other client waits for a slow client. Its oldest values are left out and counted, and the client gets the count.
 //! Words, which are all other messages, are never left out: a client that does not even take these is cut off.
 
 use super::protocol::{self, Level};
@@ -18,7 +18,7 @@ pub(super) const VALUES_MAX: usize = 4096;
 pub(super) const WORDS_SIZE_MAX: usize = 16 << 20;
 /// The most words that wait.
 pub(super) const WORDS_MAX: usize = 4096;
-/// How long after a client was told of losses it is told of the next.
+/// The shortest time between two reports of losses to a client.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 /// How many topics the message about losses names.
 const NAMED_MAX: usize = 3;
@@ -52,11 +52,11 @@ struct Value {
 pub(super) struct Outbox {
     words: VecDeque<Frame>,
     words_size: usize,
-    /// Messages of which only the last one counts, by the first byte, which is their kind.
+    /// Messages of which only the last is needed, by the first byte, which is their kind.
     latest: BTreeMap<u8, Vec<u8>>,
     values: VecDeque<Value>,
     values_size: usize,
-    /// How many values were left out since the client was told, by topic.
+    /// How many values were left out since the last report to the client, by topic.
     lost: BTreeMap<Arc<str>, u64>,
     /// The same, since the client has connected.
     lost_all: u64,
@@ -82,7 +82,7 @@ impl Outbox {
         }
     }
 
-    /// Adds a binary message that is not left out, and drops an earlier one of its kind of which only the last one counts.
+    /// Adds a binary message that is not left out, and drops an earlier message of a kind of which only the last is needed.
     pub(super) fn answer(&mut self, bytes: Vec<u8>) {
         if let Some(kind) = bytes.first() {
             self.latest.remove(kind);

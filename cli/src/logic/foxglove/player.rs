@@ -25,7 +25,7 @@ pub(super) struct Player {
 }
 
 impl Player {
-    /// Returns a clock that stands at its begin. The times are since 1970.
+    /// Returns a clock that is stopped at its begin. The times are since 1970.
     pub(super) fn new(begin: Duration, end: Duration) -> Self {
         Self { begin, end, position: begin, speed: 1.0, status: PlaybackStatus::Paused, moved: Time::ZERO }
     }
@@ -35,7 +35,7 @@ impl Player {
         self.position
     }
 
-    /// Returns when the clock has to move next; never, while it stands.
+    /// Returns when the clock has to move next. Never, while it is stopped.
     pub(super) fn deadline(&self) -> Option<Time> {
         (self.status == PlaybackStatus::Playing).then_some(self.moved + TICK)
     }
@@ -136,7 +136,7 @@ mod tests {
         player.control(at(2100), &plays(false));
         player.advance(at(9000));
         assert!((seconds(&player) - 1.7).abs() < 1e-9, "{player:?}");
-        // After a long pause of this program, it goes on where it was.
+        // After a long pause of this program, it continues where it was.
         player.control(at(10_000), &plays(true));
         player.advance(at(60_000));
         assert!((seconds(&player) - 2.7).abs() < 1e-9, "{player:?}");

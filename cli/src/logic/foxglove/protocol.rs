@@ -38,7 +38,7 @@ pub(super) enum Request {
         values: Vec<GivenValue>,
         id: Option<String>,
     },
-    /// The client is told of changes. An empty list means all parameters.
+    /// The client gets the changes. An empty list means all parameters.
     FollowParameters(Vec<String>),
     UnfollowParameters(Vec<String>),
     Call(Call),

@@ -62,7 +62,7 @@ pub(super) struct Recording {
 }
 
 impl Recording {
-    /// Returns a record that stands at its begin, and offers its topics to clients.
+    /// Returns a record that is paused at its begin, and offers its topics to clients.
     pub(super) fn new(timeline: Timeline, catalog: &mut Catalog) -> Self {
         let offered = timeline.topics.iter().enumerate();
         let offered = offered.filter_map(|(place, topic)| Some((place, catalog.add_recorded(place, topic)?)));

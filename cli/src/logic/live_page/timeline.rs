@@ -17,7 +17,7 @@ use view::{Health, LiveDeployment, Model, PastChange};
 pub(crate) struct Past {
     plan: Arc<Plan>,
     changes: Vec<PastChange>,
-    /// The processes that run, by path: where no change tells more, they have always run.
+    /// The processes that run, by path. Without an earlier change, they have always run.
     running: BTreeMap<String, bool>,
     /// When the times of the picture begin to count.
     zero: Time,
@@ -67,7 +67,7 @@ pub(crate) fn timeline(past: Option<&Past>) -> Value {
     }
     let (begin, end) = (since(past.begin), since(past.end));
     let svg = rows(&lanes, end, &TimeAxis::plain(begin, end));
-    // A report stands in HTML, where the name of the format is understood without an address.
+    // A report is inside HTML, where the name of the format is understood without an address.
     let svg = svg.replacen("<svg ", "<svg xmlns=\"http://www.w3.org/2000/svg\" ", 1);
     let zero = if past.is_since_go { "seconds since GO" } else { "seconds since this view began to look" };
     let more = if hidden > 0 { format!("; not shown: {}", counted(hidden, "row")) } else { String::new() };

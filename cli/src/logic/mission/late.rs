@@ -1,4 +1,4 @@
-//! The last lines of programs that were stopped by a deadline. They may tell why a program took so long.
+//! The last lines of programs that were stopped by a deadline. They may show why a program took so long.
 
 use language::plan::{DEADLINE, Expression, Plan};
 use node::logic::executer::member_path;

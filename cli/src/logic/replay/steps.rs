@@ -147,9 +147,9 @@ fn stamp(encoded: &Encoded, origin: Option<f64>, began: Duration) -> Option<Stam
     Some(Stamp { place, nanos: (since * 1e9).round() as i64 })
 }
 
-/// Returns the values of a process in the order of time. If an output has several wires, each of them was recorded: the
-/// wire with the most values counts. The value that reached the recorder fastest shows when GO was on the clock of its
-/// host.
+/// Returns the values of a process in the order of time. If an output has several wires, each wire
+/// was recorded. The wire with the most values is used. The value that reached the recorder fastest
+/// shows when GO was on the clock of its host.
 fn sent<'a, 'm>(
     run: &Run,
     path: &str,

@@ -12,7 +12,7 @@ const FLEXIBLE_MIN: usize = 16;
 pub(crate) struct Column {
     pub(crate) title: &'static str,
     pub(crate) width: Width,
-    /// Whether numbers stand under each other by their last digit.
+    /// Whether numbers are aligned at their last digit.
     pub(crate) is_right: bool,
 }
 

@@ -32,7 +32,7 @@ const ANSWERS_MAX: usize = 256;
 /// How many answers are sent at the same time. A caller whose link takes nothing blocks one of these threads, until its
 /// link is given up.
 const ANSWERING: usize = 4;
-/// The error text of zenoh for an answer that did not come in time.
+/// The error text of zenoh for an answer that did not arrive in time.
 const TIMEOUT: &[u8] = b"Timeout";
 
 /// Serves the calls of one key. The service ends when this is dropped.

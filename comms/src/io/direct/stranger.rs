@@ -67,7 +67,7 @@ impl Stranger {
         Self { stream, until, said: Said::Nothing }
     }
 
-    /// Processes its messages. In a team, `shared` is told of strangers whose proof does not fit.
+    /// Processes its messages. In a team, `shared` gets the strangers whose proof does not fit.
     pub(super) fn turn(self, news: News, shared: &Shared) -> Option<Fate> {
         let who = socket_peercred(&self.stream);
         let fate = self.judge(news, shared);

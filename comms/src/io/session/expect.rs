@@ -23,7 +23,7 @@ struct Seen {
     /// The key of the first accepted answer's signer: all later answers must have the same signer.
     key: Option<[u8; 32]>,
     author: Option<Author>,
-    /// Why answers did not count.
+    /// Why answers were ignored.
     forged: Option<String>,
     /// A refusal without a signature.
     refused: Option<String>,

@@ -1,6 +1,6 @@
 //! The authors of messages: sessions of a team sign their messages, and check the messages that they receive.
 //!
-//! A tunnel proves which host is at its other end. But zenoh does not tell over which link a message has come, and a member may
+//! A tunnel proves which host is at its other end. But zenoh does not report over which link a message has come, and a member may
 //! relay messages of others. So each message to nodes, and each of their answers, carries a [`Proof`] over its key and its bytes.
 //! The signature of an answer also covers its question.
 

@@ -3,7 +3,7 @@
 //! The caller asks for one piece after the other, with a limit for the size of each. The server sends nothing without a
 //! request. A caller may take nothing, because it is suspended or waits for a full pipe. It blocks no other caller: the
 //! bytes in transit to it fit into the buffers of its link. A piece contains bytes of the answers, as frames
-//! ([`crate::logic::frame`]) that may be cut anywhere. The last piece tells how the stream has ended.
+//! ([`crate::logic::frame`]) that may be cut anywhere. The last piece says how the stream has ended.
 
 use super::tally::Tally;
 use crate::logic::codec::{Enveloped, Kind};
@@ -131,7 +131,7 @@ impl Outgoing {
         self.end(End::Whole(self.tally.mark().to_vec()));
     }
 
-    /// Sets the end of the stream; only the first end counts.
+    /// Sets the end of the stream. Only the first end is used.
     pub(super) fn end(&mut self, end: End) {
         self.end.get_or_insert(end);
     }

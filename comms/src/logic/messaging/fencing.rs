@@ -14,7 +14,7 @@ use thiserror::Error;
 pub struct FencingCheck {
     /// The smallest number that is let through.
     floor: u64,
-    /// The greatest granted number; none if this check is not told of grants.
+    /// The greatest granted number. None if this check does not get grants.
     granted: Option<u64>,
 }
 
@@ -41,7 +41,7 @@ pub enum Refusal {
 }
 
 impl FencingCheck {
-    /// Returns a check at a resource that is not told of grants. It learns the numbers from the commands that it lets
+    /// Returns a check at a resource that does not get grants. It learns the numbers from the commands that it lets
     /// through.
     pub const fn learning() -> Self {
         Self { floor: 0, granted: None }

@@ -94,7 +94,7 @@ pub(super) enum Fault {
     StaysOpen,
     /// A number is granted before it is on the disk.
     GrantsUnwritten,
-    /// A renewal by a former holder counts.
+    /// A renewal by a former holder is accepted.
     RenewsAnybody,
     /// A preempted holder keeps its number.
     PreemptsOnPaper,

@@ -251,7 +251,7 @@ mod tests {
         Some(LockAnswer::Granted { request: 1, fence: 7, lease, left, is_wanted })
     }
 
-    /// The lease counts from the moment when the request was sent, not from the moment of the answer.
+    /// The lease is measured from the moment when the request was sent, not from the moment of the answer.
     #[test]
     fn a_lease_counts_from_the_question() {
         let mut client = LockClient::new(9, "task".into());

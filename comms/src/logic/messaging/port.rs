@@ -1,7 +1,7 @@
 //! Messages for the ports of an activity. The program with these ports keeps them until the node of the activity has taken them.
 //!
 //! Each port has a limit. When it is exceeded, the last message in the order is dropped: the newest of the lowest priority, as in
-//! the activity's own queue. At most [`HANDED_MAX`] messages are handed to the node at a time, the highest priority first. The
+//! the activity's own queue. At most [`HANDED_MAX`] messages are given to the node at a time, the highest priority first. The
 //! node reports the fate of each. Invariant: a message with a receipt is accepted only after the node has taken it, and the node
 //! takes it once.
 
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 
 /// The controller type of the program with the ports of an activity. Plans name it.
 pub const PORTS: &str = "ActivityPorts";
-/// How many messages may be handed to the node before it has reported their fate.
+/// How many messages may be given to the node before it has reported their results.
 pub const HANDED_MAX: usize = 16;
 
 /// A message for a port.
@@ -53,7 +53,7 @@ pub struct Given<R> {
 struct Port {
     name: String,
     limit: usize,
-    /// How many lost values the node was not told of yet.
+    /// How many lost values were not yet reported to the node.
     lost: u64,
 }
 
@@ -133,7 +133,7 @@ impl<R> PortInbox<R> {
         }
     }
 
-    /// Returns the next message for the node, if the node may be handed one more.
+    /// Returns the next message for the node, if the node may get one more message.
     pub fn next_for_node(&mut self) -> Option<PortMessage> {
         if self.handed.len() >= HANDED_MAX {
             return None;

@@ -88,7 +88,7 @@ fn planar([x, y, yaw]: &[f64; 3]) -> Isometry3<f64> {
 mod tests {
     use super::*;
 
-    /// The base goes on from where it was when the odometry begins again at zero.
+    /// The base continues from where it was when the odometry begins again at zero.
     #[test]
     fn a_restart_of_the_odometry_does_not_move_the_base() {
         let (mut track, mut at) = (Track::default(), Time::ZERO);

@@ -127,7 +127,7 @@ impl NoticeLog {
     /// Sends a notice, now or once there is a node; never waits.
     ///
     /// # Errors
-    /// If the notice is too long; it then does not count.
+    /// If the notice is too long. The notice is then not counted.
     pub(super) fn send(&self, notice: &Notice) -> Result<(), ControlError> {
         let frame = control::notice_frame(notice)?;
         let mut log = self.lock();

@@ -8,7 +8,7 @@ use crate::logic::version_vector::{ReplicaId, VersionVector};
 /// One action in response to a message of a peer.
 #[derive(Debug)]
 pub(super) enum Action {
-    /// Send or tell something.
+    /// A message or a report.
     Emit(Effect),
     /// Note that the peer may have more transactions.
     Ahead,

@@ -118,7 +118,7 @@ impl Identity {
         record.origin = joining;
         (record.joining, record.asked, record.known_by_peers) = (None, None, 0);
         self.proven = 0;
-        // Every later sponsor is told of these origins. Only a team that was also given up may have known them.
+        // Every later sponsor gets these origins. Only a team that was also given up may have known them.
         record.past.iter_mut().for_each(|past| (past.known_by_peers, past.twice, past.asked) = (u64::MAX, false, None));
         let surplus = record.past.len().saturating_sub(PAST_MAX);
         record.past.drain(..surplus);

@@ -5,7 +5,7 @@ use crate::algebra::event::{Command, Outcome, Value};
 use crate::automaton::{self, Event};
 use std::collections::VecDeque;
 
-/// The most runs that end at once in one reaction. A state that runs `skip` and comes back to itself would turn for ever.
+/// The most runs that end at once in one reaction. A state that runs `skip` and returns to itself would turn for ever.
 const INSTANT_MAX: usize = 256;
 
 impl<C: Cells, S: Seats> Reaction<'_, C, S> {
@@ -23,7 +23,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         self.react_to(node, notice.into_iter().chain([ended]).collect())
     }
 
-    /// The activity is told of the end of a member which its run has survived.
+    /// The activity gets the event of the end of a member that its run has survived.
     pub(super) fn e_notice(&mut self) -> Option<Outcome> {
         let notice = self.notice.take()?;
         self.e_chart(Event::Notice(notice))

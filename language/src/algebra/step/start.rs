@@ -195,7 +195,7 @@ fn s_fail(why: &Arc<str>) -> Outcome {
     Outcome::Aborted(Reason { member: None, cause: Cause::Failed(Arc::clone(why)) })
 }
 
-/// Numbers wrap: only whether they are equal counts, and 2^32 activations lie between a number and its like.
+/// Numbers wrap. They are only compared for equality, and 2^32 activations lie between two equal numbers.
 fn next(Activation(number): Activation) -> Activation {
     Activation(number.wrapping_add(1))
 }

@@ -64,7 +64,7 @@ impl GroupNumbers {
     }
 }
 
-/// Whether two expressions mean the same: where a deadline stands, and how its text spells it, does not count.
+/// Whether two expressions have the same meaning. The position of a deadline, and the spelling of its text, are ignored.
 pub(super) fn same(before: &Expression, after: &Expression) -> bool {
     let without_places = |expression: &Expression| {
         let mut expression = expression.clone();

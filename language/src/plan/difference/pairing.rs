@@ -93,7 +93,7 @@ impl<'a> Pairing<'a> {
         };
         let Some(kind) = kind else { return u32::MAX };
         let Some(own) = self.plan.groups.get_mut(group as usize) else { return u32::MAX };
-        // A process that comes back has the slot that it had.
+        // A process that returns has the slot that it had.
         let slot = own.members.iter().position(|member| member.name.is_empty() && member.kind == kind);
         let slot = slot.unwrap_or(own.members.len());
         let next = Member { name: member.name.clone(), kind, service: member.service };

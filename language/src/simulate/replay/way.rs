@@ -1,4 +1,4 @@
-//! Finds the events inside a group when a story tells only the end of the group.
+//! Finds the events inside a group when a story has only the end of the group.
 
 use crate::automaton::Failure;
 use crate::simulate::{GroupEnd, Simulation, TraceEvent, Transition};

@@ -126,7 +126,7 @@ impl Parser<'_> {
         self.open(LeftBrace);
         while !self.at(End) && !self.is_item(0) {
             if self.at(RightBrace) {
-                // A brace too many in front of a section: the process goes on.
+                // A brace too many in front of a section: the process continues.
                 if !self.is_section(1) {
                     break;
                 }

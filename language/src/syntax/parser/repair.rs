@@ -1,4 +1,4 @@
-//! Recovers after an error: finds the place where parsing goes on.
+//! Recovers after an error: finds the place where parsing continues.
 
 use super::Parser;
 use crate::syntax::SyntaxKind::{

@@ -7,7 +7,7 @@ use crate::syntax::SyntaxKind::{
     RightBracket, RightParen, Slash, Text,
 };
 
-/// Words that go on after a number and are no unit.
+/// Words that can follow a number and are not units.
 const NO_UNITS: [&str; 8] = ["else", "finally", "within", "as", "with", "of", "pause", "optional"];
 
 impl Parser<'_> {

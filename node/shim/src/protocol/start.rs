@@ -57,7 +57,7 @@ pub struct SoftLimits {
 pub struct Limits {
     /// Addressable memory, in bytes.
     pub memory: Option<u64>,
-    /// Processor time, all in all; whole seconds count.
+    /// Processor time in total, in whole seconds.
     pub cpu: Option<Duration>,
     /// Open files and sockets.
     pub files: Option<u64>,

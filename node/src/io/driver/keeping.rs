@@ -25,7 +25,7 @@ pub(super) async fn reap_orphans() {
 }
 
 impl Driver {
-    /// Writes an epoch beside the loop: a disk may take long.
+    /// Writes an epoch in parallel to the loop: a disk may take long.
     pub(super) fn commit(&mut self, deployment: Deployment, hosts: Vec<String>) {
         let (journal, events) = (Arc::clone(&self.files.journal), self.queues.events.clone());
         self.queues.tasks.spawn(async move {
@@ -36,7 +36,7 @@ impl Driver {
         });
     }
 
-    /// Writes whether everything is stopped, beside the loop. A node that leaves waits for the disk.
+    /// Writes whether everything is stopped, in parallel to the loop. A node that leaves waits for the disk.
     pub(super) fn keep_estop(&mut self, number: u64, estop: Option<Estop>) {
         self.files.estop.want(estop);
         let (file, events) = (self.files.estop.clone(), self.queues.events.clone());
@@ -49,7 +49,7 @@ impl Driver {
         });
     }
 
-    /// Removes the files of a deployment beside the loop, and tells the agent. A node that leaves waits for the disk.
+    /// Removes the files of a deployment in parallel to the loop, and tells the agent. A node that leaves waits for the disk.
     pub(super) fn unkeep(&mut self, deployment: Deployment) {
         self.files.kept.unkeep(&deployment);
         let (files, events) = (self.files.kept.clone(), self.queues.events.clone());
@@ -62,7 +62,7 @@ impl Driver {
         });
     }
 
-    /// Notes the state that is to survive a reboot, and writes it beside the loop. A node that leaves waits for the
+    /// Notes the state that is to survive a reboot, and writes it in parallel to the loop. A node that leaves waits for the
     /// disk.
     pub(super) fn keep(&mut self, want: impl FnOnce(&KeptFiles)) {
         want(&self.files.kept);

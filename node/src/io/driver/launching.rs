@@ -43,7 +43,7 @@ impl Driver {
         });
     }
 
-    /// Starts a program beside the loop; orders for it wait in the meantime.
+    /// Starts a program in parallel to the loop; orders for it wait in the meantime.
     pub(super) fn spawn(&mut self, order: SpawnOrder) {
         let process = order.process.clone();
         // Later notices of the previous program do not belong to this one.

@@ -88,7 +88,7 @@ impl Agent {
             self.send_frame(&from, frame, out);
         }
         if is_anew {
-            // The other node counts this node as lost, and its parts here as over.
+            // The other node treats this node as lost, and its parts here as ended.
             self.parts_lost(&from, out);
             self.parts_back(&from, out);
         }
@@ -169,7 +169,7 @@ impl Agent {
         }
     }
 
-    /// Takes the answer of a home: everything that waited for the answer goes on.
+    /// Takes the answer of a home: everything that waited for the answer continues.
     fn checked_in(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
         let theirs = self.participants.values_mut().filter(|participant| participant.home() == from);
         let waiting = theirs.filter(|participant| participant.checks_in() == Some(number));

@@ -20,7 +20,7 @@ pub(super) struct Stopped {
     writes: (u64, u64),
     /// Why the last write has not reached the disk.
     unwritten: Option<String>,
-    /// The work that may go on outside of programs that have ended while callers wait.
+    /// The work that may continue outside of programs that have ended while callers wait.
     open: Vec<String>,
 }
 

@@ -113,7 +113,7 @@ pub enum Input {
         /// Why not, for a person.
         verdict: Result<(), String>,
     },
-    /// A controller was told of parameters that have changed.
+    /// A controller has received changed parameters.
     Configured {
         /// The program.
         process: ProcessId,

@@ -27,7 +27,7 @@ pub(super) struct Rivalry {
 /// Every deployment with a part here that is not about to end, and whether its home is reached.
 pub(super) type OwnDeployments = BTreeMap<Deployment, bool>;
 
-/// A node of this one's name that has told which deployments it runs.
+/// A node with the name of this node that has reported its deployments.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rival {
     boot: u64,

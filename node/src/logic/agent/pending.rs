@@ -21,7 +21,7 @@ pub(super) struct Pending {
     /// The requests that were made, by number.
     requests: BTreeSet<u64>,
     awaiting: Vec<AwaitingHosts>,
-    /// The deployments that ran before this node, until they are told.
+    /// The deployments that ran before this node, until they are reported.
     earlier: Vec<Before>,
     /// The deployments of other homes that were stopped while those were away.
     pub(super) tombstones: Tombstones,
@@ -56,7 +56,7 @@ impl Pending {
         earlier
     }
 
-    /// Returns whether deployments that ran before this node are not told yet.
+    /// Returns whether deployments that ran before this node are not reported yet.
     pub(super) const fn looks_back(&self) -> bool {
         !self.earlier.is_empty()
     }
@@ -89,7 +89,7 @@ impl Pending {
         self.awaiting.iter().find(|one| one.plan.name == name)
     }
 
-    /// Takes the waiting deployments out that are meant.
+    /// Takes the matching waiting deployments out.
     pub(super) fn take(&mut self, is_meant: impl Fn(&AwaitingHosts) -> bool) -> Vec<AwaitingHosts> {
         self.awaiting.extract_if(.., |one| is_meant(one)).collect()
     }

@@ -5,7 +5,7 @@
 //!       ◀─ClockRead(shown)─           read at some moment between question and answer
 //!       ──GoAt(start)────▶            on the clock of the host
 //! ```
-//! These clocks count from the boot of a machine, so a wrong calendar does not matter. A host has read its clock at
+//! These clocks start at the boot of a machine, so a wrong calendar does not matter. A host has read its clock at
 //! some moment between the question and the answer. The home assumes the middle: the clock is ahead by
 //! `shown - (asked + round trip / 2)`. The error is at most half the round trip. So the home uses the question with the
 //! shortest round trip, as `dca clock` does.

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// How many watchers are served at a time. If more come, the oldest is dropped: it can continue from its position, or
 /// is a killed command that did not sign off.
 const WATCHERS_MAX: usize = 256;
-/// How much one watcher is told in one turn.
+/// How much data one watcher gets in one turn.
 const ROOM: usize = 64;
 
 /// The watchers, by number of the call.

@@ -15,7 +15,7 @@ use language::plan::{DefaultAnswer, Expression, Notice, Plan, Question, StateCha
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The longest text of an activity that people are told of, in bytes.
+/// The longest text of an activity that is shown to people, in bytes.
 const TEXT_MAX: usize = 512;
 /// The most states that are named in one line.
 const STATES_MAX: usize = 16;
@@ -94,7 +94,7 @@ impl Executer {
         Some(ActivityStatus { states: self.states_seen().unwrap_or_default(), questions, orders: orders(chart, place) })
     }
 
-    /// An activity gets a message, a notice or an answer, perhaps of a person. People are told of answers and notices.
+    /// An activity gets a message, a notice or an answer, perhaps of a person. Answers and notices are shown to people.
     pub fn tell_by(
         &mut self,
         told: &ActivityInput,

@@ -1,7 +1,7 @@
 //! The clock of a supervisor: its timers, and the time at which it reacts.
 //!
 //! The timers of an activity count from one another. If a timer runs out late, because the node was busy or away, the
-//! activity reacts as if the timer had been on time, and new timers count from its due time. So the timers of an
+//! activity reacts as if the timer had been on time, and new timers are measured from its due time. So the timers of an
 //! activity run out in the order of their due times, with the same counts as in `dca sim`. `dca verify` relies on this
 //! order.
 
@@ -74,7 +74,7 @@ impl Clock {
         }
     }
 
-    /// Sets a timer. Nothing counts from before `start`.
+    /// Sets a timer. Nothing is measured from before `start`.
     pub(super) fn arm(&mut self, timer: u32, number: u32, after: Duration, start: Time) {
         let (due, order) = (self.now.max(start) + after.max(PACE), self.begun);
         self.begun += 1;

@@ -44,7 +44,7 @@ pub(super) struct Fences {
     lost: BTreeSet<String>,
     /// Members that were activated last while their host was lost: they have not begun.
     unbegun: BTreeSet<u32>,
-    /// Activations that may go on: slot, number, host.
+    /// Activations that may continue: slot, number, host.
     up: BTreeSet<(u32, u32, String)>,
     /// Activations whose program could not be ended: slot, number, host.
     stuck: BTreeSet<(u32, u32, String)>,
@@ -56,7 +56,7 @@ pub(super) struct Fences {
     is_below: bool,
     /// Hosts that may still do something for the group after its node has left it.
     left: BTreeSet<String>,
-    /// The hosts that the supervisor of the group was told of last.
+    /// The hosts in the last report to the supervisor of the group.
     said: BTreeSet<String>,
 }
 
@@ -108,8 +108,8 @@ impl Fences {
         self.stuck.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
     }
 
-    /// Notes that the end of an activation on a host could not be confirmed. An activation that is not current counts
-    /// if it might still have been running.
+    /// Notes that the end of an activation on a host could not be confirmed. An activation that is
+    /// not current is included if it might still have been running.
     pub(super) fn unconfirmed(&mut self, slot: u32, number: u32, host: &str, is_current: bool) {
         let before = self.up.len();
         self.up.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));

@@ -191,7 +191,7 @@ impl Members {
         self.records.get(&slot)?.told_at.map(|last| last + pace)
     }
 
-    /// Returns the value of the last activation that was told.
+    /// Returns the value of the last activation that was ordered.
     pub(super) fn value(&self, slot: u32) -> Vec<u8> {
         self.records.get(&slot).map(|member| member.value.clone()).unwrap_or_default()
     }

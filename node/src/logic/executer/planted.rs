@@ -16,7 +16,7 @@ use std::time::Duration;
 use verify::{Alone, Always, Conformance, Limits};
 
 const LIMITS: Limits<'static> = Limits { states: 10_000, memory: 16 << 20, threads: &Alone, goes_on: &Always };
-/// A mission that goes on for longer is stopped.
+/// A mission that continues for longer is stopped.
 const EVENTS_MAX: usize = 40;
 
 /// A step of a supervisor, to be spoilt.

@@ -36,7 +36,7 @@ const STEP_WITHIN: Duration = Duration::from_secs(2);
 /// How long producers have to confirm that they have opened new wires. Consumers hold those back, and must not give up the old
 /// ones before these are closed.
 const OPEN_WITHIN: Duration = Duration::from_millis(500);
-/// How many switches are followed at one time; of one more nothing is told.
+/// How many switches are followed at one time; a further switch is not reported.
 const SWITCHES_MAX: usize = 64;
 
 /// The switches of one group.

@@ -6,7 +6,7 @@ use comms::logic::control::PortMessage;
 /// A report of an instance to its deployment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note {
-    /// The program has started and has told its location.
+    /// The program has started, and has reported its location.
     Prepared(LeafFacts),
     /// The program cannot take part, for this reason.
     Refused(String),

@@ -351,13 +351,13 @@ impl Instance {
         }
     }
 
-    /// Returns the end of an activation whose program has ended, if work outside of the program may go on.
+    /// Returns the end of an activation whose program has ended, if work outside of the program may continue.
     fn may_go_on(&mut self, context: &InstanceContext<'_>) -> Option<Ending> {
         let what = self.current.as_mut()?.may_go_on.take()?;
         Some(Ending::Aborted(self.failure(FailureCause::MayGoOn(what), context)))
     }
 
-    /// The controller has stopped, and work outside of it may go on. A program that is being ended says so before its end.
+    /// The controller has stopped, and work outside of it may continue. A program that is being ended says so before its end.
     fn ended_unconfirmed(&mut self, activation: u32, reason: String, context: &mut InstanceContext<'_>) {
         let current = self.current.as_mut().filter(|current| current.number == activation);
         match (&self.stage, current) {

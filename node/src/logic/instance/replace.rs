@@ -195,7 +195,7 @@ impl Instance {
     /// Starts the previous program again if this program is on probation; returns whether it was on probation.
     pub(super) fn put_back(&mut self, cause: &FailureCause, context: &mut InstanceContext<'_>) -> bool {
         if self.probation.take_if(|probation| probation.is_new).is_some() {
-            // The supervisor of this added program is told nothing: the program is stopped and removed.
+            // The supervisor of this added program gets no report: the program is stopped and removed.
             self.forget_program();
             self.stage = Stage::Waiting { until: None };
             context.notes.push(Note::Unhealthy(cause.to_string()));

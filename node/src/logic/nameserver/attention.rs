@@ -120,7 +120,7 @@ impl NameServer {
             let is_new = life.there_since + NEW_FOR > now;
             is_new || life.doubted.is_some() || life.detour.is_some() || life.is_rival()
         };
-        // If a later boot is present, an earlier one does not come back.
+        // If a later boot is present, an earlier one does not return.
         let of_lives = |lives: &BTreeMap<u64, Boot>| {
             let mut there = lives.values().filter(|life| life.is_there()).peekable();
             there.peek().is_none() || there.any(of_life)

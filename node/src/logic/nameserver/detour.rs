@@ -135,7 +135,8 @@ impl Boot {
         self.detour.as_ref().map_or(self.last.heard, |detour| self.last.heard.max(detour.heard))
     }
 
-    /// Returns the time from which its silence counts, and the time until which it may last. Returns nothing while no answer is expected.
+    /// Returns the time from which its silence is measured, and the time until which it may last. Returns nothing while
+    /// no answer is expected.
     pub(super) fn silent_at(&self) -> Option<(Time, Time)> {
         let owes = self.owes?;
         let since = self.detour.as_ref().map_or(owes, |detour| owes.max(detour.heard));

@@ -6,7 +6,7 @@
 //! moment. A process that is stopped before has never begun.
 //!
 //! A check-in: after its node was away for long, nothing begins until the home has answered, since the home may have given this host up.
-//! Running programs go on, and can be stopped. Restarts and activations wait.
+//! Running programs continue, and can be stopped. Restarts and activations wait.
 
 use crate::logic::effect::earliest;
 use crate::logic::protocol::{FailureCause, Target};
@@ -67,7 +67,7 @@ pub(in crate::logic) fn gone() -> FailureCause {
 }
 
 impl Activations {
-    /// Takes note of GO: the first one counts.
+    /// Takes note of GO. Only the first GO is used.
     pub(super) fn go(&mut self, now: Time) {
         self.go_at.get_or_insert(now);
     }

@@ -415,7 +415,7 @@ impl Participant {
         self.processes.instances.each(|_, instance| instance.reach(host));
     }
 
-    /// Stops the programs whose time without a host is over, and leaves once nothing goes on without the home.
+    /// Stops the programs whose time without a host is over, and leaves once nothing continues without the home.
     pub(super) fn tick_loss(&mut self, out: &mut Out<'_>) {
         while let Some((leaf, host)) = self.loss.next_stop(out.now) {
             self.with_instance(leaf, out, |instance, context| instance.cut(&host, context));
@@ -541,7 +541,7 @@ impl Participant {
         self.processes.unconfirmed()
     }
 
-    /// Returns the programs that have stopped while work outside of them may go on, each with a description of the work.
+    /// Returns the programs that have stopped while work outside of them may continue, each with a description of the work.
     pub fn may_go_on(&self) -> Vec<String> {
         self.processes.open_work(&self.site)
     }

@@ -80,12 +80,12 @@ impl Processes {
         self.executers.iter().any(|(_, executer)| executer.hands_over())
     }
 
-    /// Returns why groups cannot go on with the event actions of a plan.
+    /// Returns why groups cannot continue with the event actions of a plan.
     pub(super) fn against_actions(&self, plan: &Plan) -> Vec<String> {
         self.executers.iter().filter_map(|(_, executer)| executer.against_actions(plan)).collect()
     }
 
-    /// Whether something goes on without the home.
+    /// Whether something continues without the home.
     pub(super) fn go_on_alone(&self, site: &Site) -> bool {
         let keeps = |instance: &Instance| instance.is_active() && instance.link_loss() != LinkLoss::Leave;
         let mut groups = self.executers.iter().filter(|(_, executer)| executer.is_running()).map(|(group, _)| group);
@@ -97,7 +97,7 @@ impl Processes {
         self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| leaf).collect()
     }
 
-    /// Returns the programs that have stopped while work outside of them may go on, each with a description of the work.
+    /// Returns the programs that have stopped while work outside of them may continue, each with a description of the work.
     pub(super) fn open_work(&self, site: &Site) -> Vec<String> {
         let causes = self.instances.iter().filter_map(|(leaf, instance)| Some((leaf, instance.open_work()?)));
         causes.map(|(leaf, cause)| format!("{}: {cause}", site.path(leaf).unwrap_or_default())).collect()

@@ -30,7 +30,7 @@ impl Roll {
         self.facts.push(facts);
     }
 
-    /// Takes note that the links of a program stand.
+    /// Takes note that the links of a program are made.
     pub(super) fn connected(&mut self, leaf: u32) {
         self.waiting.remove(&leaf);
     }

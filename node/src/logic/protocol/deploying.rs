@@ -160,7 +160,7 @@ pub enum ToParticipant {
         facts: LeafFacts,
     },
     /// A group that you supervise has ended, or ends with the next message. Lost hosts may still do something for it,
-    /// so its resources are not free. The latest of these messages counts.
+    /// so its resources are not free. The latest of these messages is used.
     Loose {
         /// The group.
         target: Target,

@@ -159,7 +159,7 @@ pub enum Change {
     Configured {
         /// The parameter.
         parameter: String,
-        /// The present value, as a spec writes it. Nothing if the value of the spec counts again.
+        /// The present value, as a spec writes it. Nothing if the value of the spec is used again.
         value: Option<String>,
     },
     /// The program of the process is ended, and another one takes its place.

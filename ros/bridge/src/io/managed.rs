@@ -112,7 +112,7 @@ impl Managed {
         news
     }
 
-    /// Sends a request. Its answer comes with the news.
+    /// Sends a request. Its answer comes with the changes.
     pub(crate) fn perform(&mut self, effect: Effect) {
         let (heard, bell) = (Arc::clone(&self.heard), Arc::clone(&self.bell));
         let tell = move |input: Input| {

@@ -49,7 +49,7 @@ pub(crate) enum Caller {
     /// This program.
     Own {
         take: Box<dyn FnOnce(Result<Vec<u8>, Failure>) + Send>,
-        /// Whether a response only counts if no other server responds.
+        /// Whether a response is only used if no other server responds.
         is_last: fn(&[u8]) -> bool,
     },
 }
@@ -104,7 +104,7 @@ impl RosSession {
         let token = self.token(id, Role::Client, topic, SERVICE);
         let querier = self.session.declare_querier(key(topic.key(self.domain))?);
         let querier = querier.target(QueryTarget::AllComplete).timeout(ANSWER_WITHIN);
-        // The first reply counts. With another mode, replies would wait until the server forgets the request.
+        // The first reply is used. With another mode, replies would wait until the server forgets the request.
         let querier = querier.consolidation(ConsolidationMode::None);
         let querier = querier.wait().map_err(|error| told(topic, error.as_ref()))?;
         let sender = Gid::of(&token.key());
@@ -148,7 +148,7 @@ impl Caller {
         Self::Own { take: Box::new(take), is_last: |_| false }
     }
 
-    /// Changes the caller: responses for which `is_last` is true only count if no other server responds.
+    /// Changes the caller: responses for which `is_last` is true are only used if no other server responds.
     pub(crate) fn unless(self, is_last: fn(&[u8]) -> bool) -> Self {
         match self {
             Self::Own { take, .. } => Self::Own { take, is_last },
@@ -230,7 +230,7 @@ struct Waiting {
     name: String,
     /// Whether there may have been a server when the call was made.
     is_known: bool,
-    /// A response that counts if no other response arrives.
+    /// A response that is used if no other response arrives.
     last: Mutex<Option<Vec<u8>>>,
 }
 

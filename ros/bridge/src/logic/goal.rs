@@ -8,7 +8,7 @@
 //!
 //! The process ends with its goal. It has to end earlier if it is stopped or cannot follow the goal any more. In this case the goal is
 //! canceled at once, even if no server has accepted it yet. The stop of the process is confirmed when a server has said that the goal has
-//! ended, was rejected or is unknown. Until then the goal may go on: [`Goal::may_go_on`].
+//! ended, was rejected or is unknown. Until then the goal may continue: [`Goal::may_go_on`].
 //!
 //! A request without an answer is repeated: the router or the server may have been away for a time, and a server keeps results.
 
@@ -190,7 +190,7 @@ impl Goal {
         self.stage == Stage::Over
     }
 
-    /// Returns a sentence for a person if the goal may go on in ROS 2.
+    /// Returns a sentence for a person if the goal may continue in ROS 2.
     pub(crate) fn may_go_on(&self) -> Option<String> {
         let why = match (self.stage, self.canceling.answer) {
             (Stage::Looking | Stage::Over, _) => return None,

@@ -4,7 +4,7 @@ use ros::logic::key::{GraphName, Topic};
 use ros::logic::token::{Endpoint, Role, Token};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most endpoints of other types that are known at one time, and the most that are told: a node may start again for ever.
+/// The most endpoints of other types that are known at one time, and the most that are reported, because a node may start again for ever.
 const KNOWN_MAX: usize = 1000;
 
 /// The endpoints of other types.
@@ -14,7 +14,7 @@ pub(crate) struct Others {
     expected: BTreeMap<(GraphName, Role), Topic>,
     /// By name and role, the tokens of endpoints with another type.
     known: BTreeMap<(GraphName, Role), BTreeSet<String>>,
-    /// How many sentences were told.
+    /// How many sentences were reported.
     told: usize,
 }
 
@@ -71,7 +71,7 @@ impl Others {
         u64::try_from(count).unwrap_or(u64::MAX)
     }
 
-    /// Forgets all tokens, but not how many were told.
+    /// Forgets all tokens, but not the number of reported sentences.
     pub(crate) fn forget(&mut self) {
         self.known.clear();
     }

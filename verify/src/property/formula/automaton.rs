@@ -121,7 +121,7 @@ pub(super) struct State {
     /// The atoms that have to be true at the state's position, and those that have to be false.
     is_true: u32,
     is_false: u32,
-    /// The numbers of the `p U q` for which visits to this state count.
+    /// The numbers of the `p U q` for which visits to this state are counted.
     pub(super) fulfils: u32,
     /// Whether nothing is owed from the next position on: every run that reaches this state is accepted.
     pub(super) is_free: bool,

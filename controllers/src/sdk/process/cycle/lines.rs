@@ -44,7 +44,7 @@ impl Lines {
         self.tell(&switch.notice);
     }
 
-    /// A node that is gone is noticed by the listener, and told later.
+    /// The listener notices a node that is gone, and the program reports to the next node later.
     pub(super) fn tell(&self, notice: &Notice) {
         if let Err(error) = self.notices.send(notice) {
             tracing::debug!(%error, "the node was not told");
