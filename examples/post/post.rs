@@ -113,8 +113,8 @@ struct CustomerOutputs {
     ready: Calls<Subscription, Delivery>,
 }
 
-/// Hands in some orders, and is done when all of them are ready; if it is connected to no router, when they are
-/// accepted.
+/// Sends some orders, and is done when all orders are ready. If it is not connected to a router, it
+/// is done when all orders are accepted.
 struct Customer {
     count: u64,
     priority: u8,

@@ -41,7 +41,7 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Brings the hand before the lever and keeps it there. Stands still while the lever is out of sight, and gives up
+/// Brings the hand in front of the lever, and keeps it there. Stands still while the lever is out of sight, and gives up
 /// after 5 s.
 #[derive(Debug, Default)]
 pub(super) struct VisualServoing {

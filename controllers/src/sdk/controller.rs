@@ -174,7 +174,7 @@ pub struct About {
     pub stop_within: Duration,
     /// Its parameters after the host, in order.
     pub parameters: &'static [Parameter],
-    /// How often the signals are published; none if there are none.
+    /// How often the signals are published. None without signals.
     pub signals_every: Option<Duration>,
     /// The normal ends, if there are several: each [`Progress::outcome`] is one of them.
     pub outcomes: &'static [Outcome],

@@ -203,7 +203,7 @@ pub(super) fn instance_of_group(
     Piece::process(instance, ends)
 }
 
-/// Translates a node that stands at several places of a spec: more than an action becomes a group of its own.
+/// Translates a node that is used at several places of a spec. If the node is more than an action, it becomes a separate group.
 pub(super) fn node_of_its_own<'a>(
     context: &mut Context<'a>,
     child: Node<'a>,

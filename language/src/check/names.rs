@@ -187,7 +187,7 @@ impl<'a> Names<'a> {
     }
 
     /// Returns the instance that is probably intended: by similar names of instances, otherwise by similar names of
-    /// types. Names of instances come with the other similar names.
+    /// types. Names of instances are reported together with the other similar names.
     fn suggestion(&mut self, name: &str) -> Option<(usize, Option<Near<'a>>)> {
         let names = self.instances.iter().map(|instance| instance.name.text.as_str());
         if let Some(near) = self.diagnostics.near(name, names) {

@@ -45,7 +45,7 @@ pub(crate) struct Const {
     /// One value, or the elements of a list.
     pub(crate) values: Vec<Value>,
     pub(crate) is_list: bool,
-    /// Whether it is a parameter of a group: its value is the argument's.
+    /// Whether it is a parameter of a group. Its value is the value of the argument.
     pub(crate) is_param: bool,
 }
 

@@ -1,6 +1,6 @@
 //! Estimates the width of a text in the font of the picture. A viewer with another font must fit the letters into this width.
 
-/// The widths of the printable ASCII characters of Helvetica, in thousandths of the font's size.
+/// The widths of the printable ASCII characters of Helvetica, in thousandths of the font size.
 /// Source: Adobe, "Font Metrics for PDF Core 14 Fonts", `Helvetica.afm`.
 #[rustfmt::skip]
 const WIDTHS: [i32; 95] = [

@@ -101,7 +101,7 @@ impl Socket {
         self.inner.send(message).map_err(|_closed| Ended)
     }
 
-    /// Adds a ping, which a client that is there answers.
+    /// Adds a ping, which a living client answers.
     pub(crate) fn ping(&mut self) -> Result<(), Ended> {
         self.inner.send(Message::Ping(Vec::new().into())).map_err(|_closed| Ended)
     }

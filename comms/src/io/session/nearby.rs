@@ -30,7 +30,7 @@ const GROUP_V6: Ipv6Addr = Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0x0dca, 0x0231);
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// How often a node announces itself when nothing is new: once in so many seconds. Otherwise it does so each second.
 const QUIET_EVERY: u32 = 3;
-/// For how many seconds a change counts as new.
+/// For how many seconds a change is treated as new.
 const NEW_FOR: u32 = 10;
 /// The longest datagram.
 const SIZE_MAX: usize = 1024;

@@ -11,10 +11,10 @@
 //! has only the hashes of its last numbers. So a replica that has seen an origin use a number twice remembers it, and takes over no
 //! state that has more transactions of this origin.
 //!
-//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than itself
-//! ([`Chunk::Fork`]), or it reports less than it reported before ([`Chunk::Behind`]). In both cases it starts again. The second sign is
-//! lost if all replicas that had received the report were restarted since. It also does not help a replica that has since applied a write
-//! made without the lost deletions. Then digests differ, and there is an alarm.
+//! *Set back.* If a store was set back without a witness, this shows in two ways. Other replicas know more of its own transactions than
+//! the replica itself ([`Chunk::Fork`]), or the replica reports less than before ([`Chunk::Behind`]). In both cases it starts again. The
+//! second sign is lost if all replicas that had received the report were restarted since. It also does not help a replica that has since
+//! applied a write made without the lost deletions. Then digests differ, and there is an alarm.
 
 use super::action::Action;
 use super::interface::{Alarm, Effect};

@@ -93,8 +93,9 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
 
 /// Returns whether this replica gives up its own team for the team of `from`, a different team of the same name.
 ///
-/// Only a replica that is alone in its team gives way: between teams with several members an operator decides. A founder gives
-/// way to a replica that was admitted; otherwise the larger origin gives way. So of two lone replicas exactly one gives way.
+/// Only a replica that is alone in its team gives way: between teams with several members an
+/// operator decides. A founder joins the team of a replica that was admitted. Otherwise the replica
+/// with the larger origin joins the other team. So of two lone replicas exactly one gives way.
 fn gives_way(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> bool {
     let (me, members) = (ledger.identity.origin(), ledger.contents().members());
     let rank = |origin: ReplicaId, sponsors: &[ReplicaId]| (sponsors.is_empty(), origin);

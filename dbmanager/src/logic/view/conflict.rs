@@ -113,8 +113,8 @@ type Grants = BTreeMap<String, BTreeMap<Timestamp, Granted>>;
 /// How many hexadecimal digits the name of a set of writes has: enough that different sets practically never have the same name.
 const SEEN_DIGITS: usize = 12;
 
-/// Returns a name for these writes at a key, in any order. A client that resolves a conflict passes it, to show which writes it
-/// has seen.
+/// Returns a name for these writes at a key, which does not depend on their order. A client that resolves a conflict
+/// passes it, to show which writes it has seen.
 pub fn seen(writes: impl IntoIterator<Item = Dot>) -> String {
     let mut digest = blake3::Hasher::new();
     for dot in writes.into_iter().collect::<BTreeSet<Dot>>() {

@@ -429,7 +429,7 @@ impl Parser<'_> {
                     break;
                 }
             }
-            // `a[l, b[m]`: the bracket is missing, `b` is no label.
+            // `a[l, b[m]`: the bracket is missing, and `b` is not a label.
             let is_next_operand = self.kind(1) == Ident && self.kind(2) != Comma && self.kind(2) != RightBracket;
             if !self.at(Comma) || is_next_operand {
                 break;

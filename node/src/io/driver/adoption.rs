@@ -34,7 +34,7 @@ pub(super) fn end_strangers(dir: &RunDir, state: &NodeState) {
 }
 
 impl Driver {
-    /// Reaches the programs again of the agent that was made from its inputs.
+    /// Connects again to the programs of the agent that was made from its inputs.
     pub(super) fn adopt(&mut self) {
         // The replay used the programs that the previous node offered.
         self.files.inputs.begin(&self.state);

@@ -1,9 +1,9 @@
 //! A node that was away for long. It checks in with the homes of its deployments before it begins anything for them.
 //!
-//! A node that was killed or suspended resumes with the state it had. But a home may have counted its host as lost in
-//! the meantime, and have begun a replacement. So until a home has answered, no program of its deployments is started
-//! again here, and nothing is activated. Messages arrive in order, so the decisions of the home arrive before its
-//! answer; a decision may be to end this part.
+//! A node that was killed or suspended resumes with the state it had. But a home may have treated its host as
+//! lost in the meantime, and have begun a replacement. So until a home has answered, no program of its
+//! deployments is started again here, and nothing is activated. Messages arrive in order, so the decisions of the
+//! home arrive before its answer; a decision may be to end this part.
 //!
 //! A home that does not answer is lost after a while. Then `on_link_loss` decides, as at any cut.
 //! The home answers only hosts that it lists as present. A host that is only missing may still be

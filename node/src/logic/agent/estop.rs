@@ -87,7 +87,7 @@ impl Stopped {
         }
     }
 
-    /// Answers the callers that wait until nothing runs, now that nothing runs, if the disk has answered. `unended` are the
+    /// If nothing runs any more and the disk has answered, answers the callers that wait for this. `unended` are the
     /// programs that could not be ended.
     pub(super) fn tell(&mut self, unended: impl Iterator<Item = String>, effects: &mut Vec<Effect>) {
         if self.waiting.is_empty() || !self.is_written() {

@@ -61,7 +61,7 @@ struct CheckIn {
     until: Time,
 }
 
-/// Returns why nothing begins in a part that is at its end, or is not there any more.
+/// Returns why nothing begins in a part that is at its end, or no longer exists.
 pub(in crate::logic) fn gone() -> FailureCause {
     FailureCause::NotAvailable("its node has left the deployment".to_owned())
 }

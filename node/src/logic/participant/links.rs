@@ -294,7 +294,7 @@ impl Links {
         }
     }
 
-    /// Has a program expect a switch. A program that is not there is not waited for: its values are lost anyway.
+    /// Has a program expect a switch. This does not wait for a missing program, because its values are lost anyway.
     pub(super) fn expect(
         &mut self,
         site: &Site,
