@@ -201,7 +201,7 @@ mod tests {
             );
         }
         let why = Key::new("team/\u{430}b").unwrap_err().to_string();
-        assert!(why.contains("(U+0430) beside Latin letters"), "{why}");
+        assert!(why.contains("(U+0430) together with Latin letters"), "{why}");
         for unseen in ['\u{200b}', '\u{a0}', '\u{202e}', '\u{feff}', '\u{3164}', '\u{ad}', '\u{e0041}'] {
             let (key, character) = (format!("team/a{unseen}b"), unseen);
             assert_eq!(Key::new(key.clone()), Err(KeyError::Character { key, character }));

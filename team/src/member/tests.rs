@@ -79,7 +79,7 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     assert_eq!(judged(&own, &acme.node("offline", -30, -5)), Ok("r1".to_owned()), "within the grace");
     // The credentials of another node, of a user, and of a program.
     let stolen = own.judge(&keys_of(&keys()), &friend.credential()).unwrap_err();
-    assert!(stolen.contains("of another key"), "{stolen}");
+    assert!(stolen.contains("to another key"), "{stolen}");
     let user = keys();
     let credential = acme.credential(&user, Role::Admin, (crate::now().0, crate::now().0 + DAY));
     let refused = own.judge(&keys_of(&user), &credential.to_bytes()).unwrap_err();
@@ -121,7 +121,7 @@ fn a_program_lets_those_link_who_have_a_wire_with_it_and_those_who_look() {
     own.refused(([10, 0, 0, 4], 7).into(), "nonsense");
     assert_eq!(heard.try_iter().collect::<Vec<_>>(), ["third on r1 at 10.0.0.4"]);
     // Its key with the credential of another program, and a node itself.
-    assert!(own.judge(&third.key().1, &partner.credential()).unwrap_err().contains("of another key"));
+    assert!(own.judge(&third.key().1, &partner.credential()).unwrap_err().contains("to another key"));
     assert!(judged(&there).is_err() && awaits(&there).is_none());
     // A visitor comes from a machine, and calls with the credentials that the node there gives to all its clients.
     let visitor = VisitorIdentity::open(&acme.folder.join("third.visitors")).unwrap();

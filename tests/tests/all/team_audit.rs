@@ -107,7 +107,7 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
         forged += &(log.add(&Entry { at, decision, who, what, request: [0; 16], reason: "" }) + "\n");
     }
     let refused = robots.verify(&forged);
-    assert!(refused.code == Some(1) && refused.err.contains("is not the one that"), "{refused}");
+    assert!(refused.code == Some(1) && refused.err.contains("differs from the record that"), "{refused}");
     // The node continues with a shorter log. The other node no longer signs it, and records this.
     robots.stop(1);
     let short: String = forged.lines().take(2).map(|line| format!("{line}\n")).collect();

@@ -14,7 +14,7 @@ pub(crate) fn encode(of: &str, words: &[String]) -> Result<Vec<u8>, String> {
     let schema = schema(of).ok_or_else(|| format!("`{of}` is not a standard type of ROS 2"))?;
     let given = object(words)?;
     let value = record(&schema, schema.root(), &given)?;
-    cdr::write(&schema, &value).map_err(|_misfit| format!("a `{of}` cannot hold a number or a list of this value"))
+    cdr::write(&schema, &value).map_err(|_misfit| format!("a number or a list in the value does not fit a `{of}`"))
 }
 
 fn object(words: &[String]) -> Result<Map<String, Json>, String> {
@@ -144,7 +144,7 @@ mod tests {
         assert_eq!(told(set, &["{data}"]), "`{data}` is not an object of JSON");
         let trigger = told("ros.std_srvs.Trigger_Request", &["data=true"]);
         assert_eq!(trigger, "`std_srvs/srv/Trigger_Request` has no field `data`; it has no fields");
-        assert_eq!(told("ros.std.UInt8", &["data=256"]), "a number or a list of it does not fit a `ros.std.UInt8`");
+        assert_eq!(told("ros.std.UInt8", &["data=256"]), "a number or a list in the value does not fit a `ros.std.UInt8`");
         assert_eq!(told("ros.std.Uint8", &[]), "`ros.std.Uint8` is not a standard type of ROS 2");
     }
 }

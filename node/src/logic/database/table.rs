@@ -275,7 +275,7 @@ mod tests {
         let text =
             status(&Status { other_team: vec!["r3".into(), "r4".into()], ..team(vec![member("r1", 1, None, 0)]) });
         assert!(
-            text.contains("A second team `dca`") && text.contains("`r3`, `r4`") && text.contains("dca db join"),
+            text.contains("a second team `dca`") && text.contains("`r3`, `r4`") && text.contains("dca db join"),
             "{text}"
         );
     }

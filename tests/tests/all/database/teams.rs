@@ -15,7 +15,7 @@ fn two_teams_of_one_name_become_one() {
             let text = status(robot);
             robots.iter().all(|other| text.contains(other))
                 && !text.contains("second team")
-                && text.contains("everybody has")
+                && text.contains("all robots have all writes")
         };
         wait_until(SOON, || robots.iter().all(knows_all))
             .unwrap_or_else(|| panic!("{}", robots.iter().map(|robot| status(robot)).collect::<Vec<_>>().join("\n")));
