@@ -35,10 +35,10 @@ pub struct Arguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
-    /// Take it off the list of ends that hosts have not confirmed: they are not asked any more
+    /// Remove the deployment from the list of unconfirmed ends; the hosts are no longer asked
     #[arg(long)]
     forget: bool,
-    /// Stop it although its home HOST does not answer: the others inform the home when it is back
+    /// Stop the deployment although its home HOST does not answer; other nodes inform the home when it is back
     #[arg(long, value_name = "HOST", conflicts_with_all = ["forget", "json"], add = ArgValueCompleter::new(complete::hosts))]
     away: Option<String>,
     /// Print the result as JSON

@@ -10,7 +10,7 @@ pub(super) enum Sort {
     Number,
     /// A value of the variable with this id.
     Value(String),
-    /// A text, which is a value if it is compared with a variable.
+    /// A text. If it is compared with a variable, it means a value of this variable.
     Text(String),
 }
 

@@ -144,7 +144,10 @@ mod tests {
         assert_eq!(told(set, &["{data}"]), "`{data}` is not an object of JSON");
         let trigger = told("ros.std_srvs.Trigger_Request", &["data=true"]);
         assert_eq!(trigger, "`std_srvs/srv/Trigger_Request` has no field `data`; it has no fields");
-        assert_eq!(told("ros.std.UInt8", &["data=256"]), "a number or a list in the value does not fit a `ros.std.UInt8`");
+        assert_eq!(
+            told("ros.std.UInt8", &["data=256"]),
+            "a number or a list in the value does not fit a `ros.std.UInt8`"
+        );
         assert_eq!(told("ros.std.Uint8", &[]), "`ros.std.Uint8` is not a standard type of ROS 2");
     }
 }
