@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Take names that are not exact as errors
     #[arg(long, value_name = "LINT", value_parser = ["lenient-names"])]
     deny: Option<String>,
-    /// Apply every fix that leaves no other reading, then check again
+    /// Apply every fix that is the only possible correction, then check again
     #[arg(long, conflicts_with = "set")]
     fix: bool,
     /// The form of the diagnostics: text goes to standard error, the others to standard output

@@ -12,10 +12,10 @@ pub struct Arguments {
     /// Print the findings as JSON
     #[arg(long)]
     json: bool,
-    /// The folder for sockets that the node is to have
+    /// The folder for sockets that the node will use
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
-    /// The folder for the database that the node is to have
+    /// The folder for the database that the node will use
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
 }

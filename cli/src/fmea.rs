@@ -21,7 +21,7 @@ pub struct Arguments {
     /// Print the table as a page for a browser
     #[arg(long)]
     html: bool,
-    /// Tell how each row comes about
+    /// Explain each row
     #[arg(long, conflicts_with_all = ["csv", "html"])]
     stories: bool,
     /// Print the table as one JSON document, with the story of each row
@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Print the table in Markdown
     #[arg(long, conflicts_with_all = ["csv", "html", "stories", "json"])]
     markdown: bool,
-    /// How many faults may happen in one run: 1, or 2, of which those pairs are printed that are worse than each alone
+    /// How many faults may happen in one run: 1 or 2; with 2, only pairs that are worse than each fault alone are printed
     #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     faults: u8,
     #[command(flatten)]

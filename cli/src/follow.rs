@@ -47,7 +47,7 @@ pub struct FollowArgs {
     /// Where the record and the report of the run go
     #[arg(long, value_name = "DIR", default_value = "runs")]
     runs: PathBuf,
-    /// Keep no record
+    /// Make no record
     #[arg(long, conflicts_with = "ports")]
     no_record: bool,
     /// Also record the values of ports: `all`, or outputs such as `Out` or `force.Out`

@@ -115,7 +115,7 @@ enum Verb {
     Switch(switch::Arguments),
     /// Check a spec and print its diagnostics
     Check(check::Arguments),
-    /// Prove the properties of a spec for every order of events, and show how the others fail
+    /// Prove the properties of a spec for every order of events, and show how a property fails
     Verify(verify::Arguments),
     /// Say whether mistakes that `dca verify --test` has kept are in their specs again
     Test(test::Arguments),

@@ -24,7 +24,7 @@ pub struct Watch {
     /// A key, or a prefix that ends in `/` [default: all keys]
     #[arg(default_value = "")]
     key: String,
-    /// Go on after this version, as `dca db version` and an earlier watch print it
+    /// Continue after this version, as `dca db version` and an earlier watch print it
     #[arg(long, value_name = "VERSION", value_parser = a_version)]
     from: Option<VersionVector>,
     #[command(flatten)]
