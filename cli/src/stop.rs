@@ -16,7 +16,7 @@ use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::human::span;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, Change, Deployment, Ending, FailureCause, Report, Request};
+use node::logic::protocol::{Answer, Change, Deployment, Ending, FailureCause, NodeStatus, Report, Request};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -194,14 +194,14 @@ pub(crate) async fn locate<'a>(
     name: &DeploymentName,
 ) -> Result<Located<'a>, Failure> {
     let mut found = Vec::new();
-    for (client, Statuses { nodes, silent, .. }) in &all {
+    for (client, Statuses { nodes, .. }) in &all {
         let mut parts = nodes.iter().flat_map(|node| &node.deployments);
         if let Some(part) = parts.find(|part| name.is(&part.deployment)) {
-            found.push((*client, part, silent));
+            found.push((*client, part, nodes));
         }
     }
     match found[..] {
-        [(_, part, silent)] if silent.contains(&part.home) => {
+        [(_, part, nodes)] if !answers(nodes, &part.home) => {
             let home = &part.home;
             Err(Failure::Unreachable(anyhow!(
                 "the node `{home}`, where `{name}` has its home, does not answer; `dca stop {name} --away {home}` makes the \
@@ -298,13 +298,17 @@ async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Resu
     }
 }
 
-/// Returns whether the deployment runs, according to its home and the other hosts. Prints no warning about hosts that
-/// do not answer: the caller prints one.
+/// Returns whether the deployment runs and its home answers. Prints no warning about hosts that do not answer: the caller prints one.
 async fn runs(client: &Client, deployment: &Deployment) -> bool {
-    let Ok(Statuses { nodes, silent, .. }) = client.statuses_noted(|_| {}).await else { return false };
+    let Ok(Statuses { nodes, .. }) = client.statuses_noted(|_| {}).await else { return false };
     let mut parts = nodes.iter().flat_map(|node| &node.deployments);
     let part = parts.find(|part| part.deployment.name == deployment.name);
-    part.is_some_and(|part| part.deployment == *deployment && !silent.contains(&part.home))
+    part.is_some_and(|part| part.deployment == *deployment && answers(&nodes, &part.home))
+}
+
+/// Returns whether a host has answered. A host that is lost is not asked, so it is not listed as silent either.
+fn answers(nodes: &[NodeStatus], host: &str) -> bool {
+    nodes.iter().any(|node| node.host == host)
 }
 
 async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Reported, Failure> {

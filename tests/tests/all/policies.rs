@@ -156,6 +156,8 @@ fn a_host_that_is_cut_off_does_as_its_programs_say() {
     let ended = mission.ended(SOON);
     assert!(ended.code == Some(1) && ended.out.contains("not confirmed that nothing is left on: c2"), "{ended}");
     assert!(runs("stays"));
+    let stop = hosts[1].ask(&["stop", "cut"]);
+    assert!(stop.code == Some(3) && stop.err.contains("`dca stop cut --away c1`"), "a lost home gets no stop: {stop}");
     network.heal(2);
     wait_until(SOON, || !runs("stays")).expect("its home has given it up");
     let trace = Trace::read(&cluster.folder().join("runs/cut-1"));
