@@ -234,7 +234,8 @@ fn dial(plan: &Plan, registrations: &Registrations, from: u32, to: u32) -> Resul
         let host = plan.leaves.get(to as usize).and_then(|leaf| plan.hosts.get(leaf.host as usize));
         let host = host.map_or("?", String::as_str);
         format!(
-            "host `{host}` is not open to the network; take its node into a team, or start it with `--insecure-lan`"
+            "no other host can reach the programs of `{host}`: take its node into a team, or start it with `--insecure-lan`; if that is \
+             done, give the host an IPv4 address, or an IPv6 address that is not link-local"
         )
     })
 }
