@@ -353,6 +353,47 @@ fn another_producer_takes_the_place_of_one_that_is_gone() {
     assert!(!outlet.send(&mut Parcel::new(b"nobody"), 2));
 }
 
+/// A consumer that was started again asks for the last value as soon as it is connected. The producer sends this value
+/// once, so it must arrive.
+#[test]
+fn the_first_value_after_the_answer_arrives() {
+    let guarded = || (member(1, 2).0, member(2, 1).0);
+    for (producer, consumer) in [(Program::new(), Program::new()), guarded()] {
+        let (outlet, _) = producer.outlet("k", &Memory::default());
+        let mut before = None;
+        for number in 1..=200 {
+            let (inlet, came) = consumer.hear(&producer, "k", None);
+            send(&outlet, &vec![1; if number % 2 == 0 { 5 } else { 100_000 }], number);
+            assert_eq!(consumer.wait_for(&came, 1)[0].1.number, number);
+            // Some consumers are still there when the next one comes.
+            before = (number % 3 == 0).then_some(inlet);
+        }
+        drop(before);
+    }
+}
+
+/// A consumer that is gone while a value is sent to all consumers takes the value from no other one.
+#[test]
+fn the_end_of_one_consumer_loses_no_value_of_another() {
+    let (producer, [gone, other]) = (Program::new(), [(); 2].map(|()| Program::new()));
+    let memory = Memory::default();
+    let outlets = ["gone", "other"].map(|key| producer.outlet(key, &memory).0);
+    let (_other, came) = other.hear(&producer, "other", None);
+    memory.note(100_000);
+    for number in 1..=40 {
+        let (inlet, _) = gone.hear(&producer, "gone", None);
+        outlets.iter().for_each(wait_connected);
+        let bytes = vec![u8::try_from(number).unwrap(); 100_000];
+        let filled = Parcel::filled(&memory, |filler| filler.put(&bytes)).unwrap();
+        let mut parcel = if number % 2 == 0 { filled } else { Parcel::new(&bytes) };
+        assert!(outlets[0].send(&mut parcel, number));
+        drop(inlet);
+        wait_until(|| !outlets[0].is_connected());
+        assert!(outlets[1].send(&mut parcel, number) && parcel.to_vec(&memory) == bytes);
+        assert!(other.wait_for(&came, 1)[0].0 == Arrival::Value(bytes));
+    }
+}
+
 /// A wait ends with a call of another thread or at its deadline, as without direct paths.
 #[test]
 fn a_wait_ends_with_a_call_or_at_its_deadline() {

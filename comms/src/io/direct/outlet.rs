@@ -4,12 +4,14 @@ use super::memory::Filler;
 use super::packet::{Sent, Waits, receive, send};
 use super::pool::{Pool, leases_max};
 use super::server::Shared;
+use super::stranger::Consumer;
 use crate::io::data::Listeners;
 use crate::logic::direct::{Header, INLINE_MAX, SharedValue, released, retire};
 use crate::logic::object::TypeForm;
 use crate::logic::switch::Boundary;
 use crate::logic::{codec, direct};
 use std::collections::{BTreeSet, VecDeque};
+use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -141,6 +143,7 @@ impl Outlet {
 
 impl Drop for Outlet {
     fn drop(&mut self) {
+        self.end.shared.remove(&self.end);
         self.end.end(&mut self.end.lock());
     }
 }
@@ -154,13 +157,26 @@ impl End {
         Header { life: self.life, number, order: self.shared.orders.fetch_add(1, Ordering::Relaxed) }
     }
 
-    /// Connects a consumer, and replaces an earlier one.
+    /// Connects a consumer that has its answer, and replaces an earlier one.
     pub(super) fn attach(&self, new: Connection) {
+        self.replace(&mut self.lock(), new);
+    }
+
+    /// Answers and connects a consumer, between two values. Replaces an earlier one.
+    ///
+    /// # Errors
+    /// The consumer is gone.
+    pub(super) fn welcome(&self, consumer: Consumer) -> io::Result<()> {
         let mut connection = self.lock();
-        if let Some(old) = connection.take() {
+        let new = consumer.welcome()?;
+        self.replace(&mut connection, new);
+        Ok(())
+    }
+
+    fn replace(&self, connection: &mut Option<Connection>, new: Connection) {
+        if let Some(old) = connection.replace(new) {
             old.give_back(&self.memory);
         }
-        *connection = Some(new);
         self.heard.set_direct(true);
     }
 

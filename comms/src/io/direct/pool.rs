@@ -29,6 +29,8 @@ struct Slot {
     buffer: Buffer,
     /// How many consumers have not released the buffer.
     leases: usize,
+    /// Whether a consumer that is gone may still read the buffer.
+    is_abandoned: bool,
 }
 
 /// Returns how many values of a size one consumer may keep.
@@ -57,6 +59,7 @@ impl Pool {
         room: usize,
         fill: impl FnOnce(&mut Filler<'_>) -> bool,
     ) -> io::Result<Option<(u32, usize)>> {
+        self.slots.retain(|_, slot| !slot.is_abandoned);
         let is_free = |slot: &Slot| slot.leases == 0 && slot.buffer.size() >= room;
         let free = self.slots.iter().find(|(_, slot)| is_free(slot)).map(|(number, _)| *number);
         let number = match free {
@@ -78,7 +81,7 @@ impl Pool {
         let buffer = Buffer::new(size.next_power_of_two().max(SIZE_MIN))?;
         self.slots.retain(|_, slot| slot.leases > 0 || slot.buffer.size() >= size);
         self.next = self.next.wrapping_add(1);
-        self.slots.insert(self.next, Slot { buffer, leases: 0 });
+        self.slots.insert(self.next, Slot { buffer, leases: 0, is_abandoned: false });
         Ok(self.next)
     }
 
@@ -99,9 +102,12 @@ impl Pool {
         }
     }
 
-    /// Marks a buffer as never usable again: a consumer that is no longer connected may not have read it yet.
+    /// Marks a buffer as never usable again: a consumer that is no longer connected may not have read it yet. The
+    /// buffer is removed only before the next value is written, because its value may still be sent to others.
     pub(super) fn abandon(&mut self, number: u32) {
-        self.slots.remove(&number);
+        if let Some(slot) = self.slots.get_mut(&number) {
+            slot.is_abandoned = true;
+        }
     }
 
     /// Notes that one consumer has released the buffer.
@@ -133,7 +139,9 @@ mod tests {
         let larger = pool.put(&[5; 200_000]).unwrap();
         assert!(pool.has(larger) && pool.has(second) && pool.has(first), "what is in use stays");
         pool.abandon(first);
-        assert!(!pool.has(first));
+        assert!(pool.has(first), "its value may still be on its way to others");
+        let next = pool.put(&[6; 100]).unwrap();
+        assert!(next != first && !pool.has(first));
     }
 
     #[test]

@@ -4,12 +4,13 @@
 use super::guard::Guard;
 use super::inlet::Inlets;
 use super::outlet::{Connection, End};
-use super::stranger::{Fate, News, Stranger};
+use super::stranger::{Consumer, Fate, News, Stranger};
 use crate::io::clock::{Wakeup, now};
 use crate::logic::direct::Place;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::net::{SocketFlags, accept_with};
 use std::collections::{BTreeMap, VecDeque};
+use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -80,22 +81,31 @@ impl Shared {
     /// Adds the producer's end of a wire, and connects it with a consumer that came earlier.
     pub(super) fn add(&self, key: &str, end: &Arc<End>) {
         let mut table = self.lock();
-        table.ends.retain(|_, end| end.strong_count() > 0);
         if let Some(connection) = table.waiting.remove(key) {
             end.attach(connection);
         }
         table.ends.insert(key.to_owned(), Arc::downgrade(end));
     }
 
-    fn take(&self, key: String, connection: Connection) {
+    /// Removes the producer's end of a wire: it gets no other consumer.
+    pub(super) fn remove(&self, end: &Arc<End>) {
+        self.lock().ends.retain(|_, other| !std::ptr::eq(other.as_ptr(), Arc::as_ptr(end)));
+    }
+
+    /// Connects a consumer with its wire, or keeps it until this program makes the wire. The consumer gets the answer in
+    /// between, so each value that is sent after the answer reaches the consumer.
+    pub(super) fn take(&self, consumer: Consumer) -> io::Result<()> {
         let mut table = self.lock();
-        if let Some(end) = table.ends.get(&key).and_then(Weak::upgrade) {
-            return end.attach(connection);
+        if let Some(end) = table.ends.get(&consumer.key).and_then(Weak::upgrade) {
+            return end.welcome(consumer);
         }
+        let key = consumer.key.clone();
+        let connection = consumer.welcome()?;
         if table.waiting.len() >= WAITING_MAX {
             table.waiting.pop_first();
         }
         table.waiting.insert(key, connection);
+        Ok(())
     }
 
     fn ends(&self) -> Vec<Arc<End>> {
@@ -185,9 +195,95 @@ impl Server {
             let news = News { is_ready: !ready.is_empty(), has_keys, now };
             match stranger.turn(news, &self.shared) {
                 Some(Fate::Waits(stranger)) => self.strangers.push_back(stranger),
-                Some(Fate::Taken(key, connection)) => self.shared.take(key, connection),
+                Some(Fate::Accepted(consumer)) => {
+                    let taken = self.shared.take(consumer);
+                    taken.unwrap_or_else(|error| tracing::debug!(%error, "a consumer of this host did not wait"));
+                }
                 None => {}
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::outlet::Memory;
+    use super::super::packet::{Waits, receive, send_waiting};
+    use super::*;
+    use crate::io::data::Listeners;
+    use crate::logic::codec::{self, Enveloped};
+    use crate::logic::direct::{Hello, Welcome};
+    use crate::logic::object::TypeForm;
+    use rustix::event::{EventfdFlags, eventfd};
+    use rustix::io::Errno;
+    use rustix::net::{AddressFamily, SocketType, socketpair};
+    use std::os::fd::AsFd;
+
+    fn event() -> OwnedFd {
+        eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).unwrap()
+    }
+
+    /// Returns the socket of a program that asks for the wire `k`, and the accepted consumer.
+    fn ask(shared: &Shared) -> (OwnedFd, Consumer) {
+        let (own, theirs) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None).unwrap();
+        let form = TypeForm { name: "W".into(), fields: String::new() };
+        let hello = codec::encode(&Hello { token: "t".into(), key: "k".into(), form }).unwrap();
+        send_waiting(&theirs, &[&hello], Some(event().as_fd()), Waits::Never).unwrap();
+        let news = News { is_ready: true, has_keys: false, now: now() };
+        match Stranger::new(own, now() + HELLO_WITHIN).turn(news, shared) {
+            Some(Fate::Accepted(consumer)) => (theirs, consumer),
+            _ => panic!("the consumer is refused"),
+        }
+    }
+
+    fn is_welcomed(socket: &OwnedFd) -> bool {
+        let mut packet = [0; Welcome::SIZE_MAX];
+        match receive(socket, &mut packet, Waits::Never) {
+            Ok((size, _)) => codec::decode::<Welcome>(&packet[..size]).is_ok(),
+            Err(error) => {
+                assert_eq!(error, Errno::AGAIN);
+                false
+            }
+        }
+    }
+
+    /// A consumer that was answered before it was connected missed the values in between.
+    #[test]
+    fn a_consumer_is_answered_when_it_is_connected() {
+        let place = Place { path: String::new(), token: "t".into() };
+        let shared = Arc::new(Shared::new(place, 7, None, event()));
+        let wire = || {
+            let heard = Arc::new(Listeners::default());
+            let end = Arc::new(End::new(0, Memory::default(), Arc::clone(&heard), Arc::clone(&shared)));
+            (end, heard)
+        };
+        // The first consumer comes before the wire is made.
+        let (early, consumer) = ask(&shared);
+        assert!(!is_welcomed(&early));
+        shared.take(consumer).unwrap();
+        assert!(is_welcomed(&early));
+        let (end, heard) = wire();
+        shared.add("k", &end);
+        assert!(heard.is_any());
+        let first = end.stream().unwrap().0;
+        let (late, consumer) = ask(&shared);
+        assert!(!is_welcomed(&late) && Arc::ptr_eq(&end.stream().unwrap().0, &first));
+        shared.take(consumer).unwrap();
+        let second = end.stream().unwrap().0;
+        assert!(is_welcomed(&late) && !Arc::ptr_eq(&second, &first));
+        // A consumer that has not waited takes nothing away.
+        let (gone, consumer) = ask(&shared);
+        drop(gone);
+        assert!(shared.take(consumer).is_err());
+        assert!(Arc::ptr_eq(&end.stream().unwrap().0, &second) && heard.is_any());
+        // A wire that has ended gets no consumer: the next wire with this key gets it.
+        shared.remove(&end);
+        let (_later, consumer) = ask(&shared);
+        shared.take(consumer).unwrap();
+        assert!(Arc::ptr_eq(&end.stream().unwrap().0, &second));
+        let (next, heard) = wire();
+        shared.add("k", &next);
+        shared.remove(&end);
+        assert!(heard.is_any() && shared.ends().len() == 1);
     }
 }

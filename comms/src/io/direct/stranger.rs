@@ -57,8 +57,15 @@ pub(super) struct News {
 /// The fate of a stranger.
 pub(super) enum Fate {
     Waits(Stranger),
-    /// It is the consumer of the wire with this key.
-    Taken(String, Connection),
+    Accepted(Consumer),
+}
+
+/// A stranger that has proved to be the consumer of a wire, and that still waits for the answer.
+#[derive(Debug)]
+pub(super) struct Consumer {
+    pub(super) key: String,
+    connection: Connection,
+    welcome: Vec<u8>,
 }
 
 impl Stranger {
@@ -91,7 +98,7 @@ impl Stranger {
                     Fate::Waits(Self { said: Said::Claim(asked, ..), .. }) if is_ready || is_late => {
                         Err(asked.unproved(guard))
                     }
-                    fate @ (Fate::Waits(_) | Fate::Taken(..)) => Ok(fate),
+                    fate @ (Fate::Waits(_) | Fate::Accepted(_)) => Ok(fate),
                 })
             }
             (said, _) if !is_late => Ok(Fate::Waits(Self { said, ..self })),
@@ -110,10 +117,10 @@ impl Stranger {
         }
         if shared.guard.is_some() {
             let challenge = entropy::bytes()?;
-            self.say(&Challenge { nonce: challenge })?;
+            say(&self.stream, &encoded(&Challenge { nonce: challenge })?)?;
             return Ok(Fate::Waits(Self { said: Said::Hello(Asked { hello, bytes, challenge }), ..self }));
         }
-        self.take(hello, bell, &Welcome { process: shared.process })
+        self.accept(hello, bell, &Welcome { process: shared.process })
     }
 
     fn claim(self, asked: Asked, shared: &Shared, guard: &Guard) -> io::Result<Fate> {
@@ -134,20 +141,27 @@ impl Stranger {
         };
         let (end, own) = (End::Producer(shared.process), rustix::process::getpid());
         let tag = transcript.tag(&secrets.shown, end, own).into();
-        self.take(asked.hello, Some(bell), &Confirmation { process: shared.process, tag })
+        self.accept(asked.hello, Some(bell), &Confirmation { process: shared.process, tag })
     }
 
-    fn take(self, Hello { key, form, .. }: Hello, bell: Option<OwnedFd>, welcome: &impl Enveloped) -> io::Result<Fate> {
+    fn accept(self, hello: Hello, bell: Option<OwnedFd>, welcome: &impl Enveloped) -> io::Result<Fate> {
         let bell = bell.ok_or_else(without_bell)?;
         fcntl_setfl(&bell, fcntl_getfl(&bell)? | OFlags::NONBLOCK)?;
         set_socket_send_buffer_size(&self.stream, SEND_BUFFER)?;
-        self.say(welcome)?;
-        Ok(Fate::Taken(key, Connection::new(Arc::new(self.stream), bell, form)))
+        let connection = Connection::new(Arc::new(self.stream), bell, hello.form);
+        Ok(Fate::Accepted(Consumer { key: hello.key, connection, welcome: encoded(welcome)? }))
     }
+}
 
-    fn say(&self, message: &impl Enveloped) -> io::Result<()> {
-        let bytes = codec::encode(message).map_err(io::Error::other)?;
-        Ok(send_waiting(&self.stream, &[&bytes], None, Waits::Never)?)
+impl Consumer {
+    /// Sends the answer, and returns the connection. The caller must let no value be sent over the wire until it uses
+    /// the connection: a consumer that has the answer has told its node, and misses no value from then on.
+    ///
+    /// # Errors
+    /// The consumer is gone.
+    pub(super) fn welcome(self) -> io::Result<Connection> {
+        say(&self.connection.stream, &self.welcome)?;
+        Ok(self.connection)
     }
 }
 
@@ -166,6 +180,14 @@ fn next<T: Enveloped>(stream: impl AsFd) -> io::Result<(Vec<u8>, Option<OwnedFd>
     let (size, file) = receive(stream, &mut packet, Waits::Never)?;
     packet.truncate(size);
     Ok((packet, file))
+}
+
+fn encoded(message: &impl Enveloped) -> io::Result<Vec<u8>> {
+    codec::encode(message).map_err(io::Error::other)
+}
+
+fn say(stream: impl AsFd, packet: &[u8]) -> io::Result<()> {
+    Ok(send_waiting(stream, &[packet], None, Waits::Never)?)
 }
 
 fn refused(why: &str) -> io::Error {
