@@ -420,6 +420,11 @@ impl Publisher {
         self.listeners.wait(within)
     }
 
+    /// Calls `on_arrival` whenever a subscriber comes, on a thread that must not wait. Only the first call has an effect.
+    pub fn on_arrival(&self, on_arrival: impl Fn() + Send + Sync + 'static) {
+        self.listeners.on_arrival(on_arrival);
+    }
+
     /// Returns the present subscribers; the value is updated when they change.
     pub(crate) fn listeners(&self) -> Arc<Listeners> {
         Arc::clone(&self.listeners)

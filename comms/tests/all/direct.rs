@@ -353,8 +353,7 @@ fn another_producer_takes_the_place_of_one_that_is_gone() {
     assert!(!outlet.send(&mut Parcel::new(b"nobody"), 2));
 }
 
-/// A consumer that was started again asks for the last value as soon as it is connected. The producer sends this value
-/// once, so it must arrive.
+/// After its answer, a restarted consumer gets the last value, which its producer sends only once.
 #[test]
 fn the_first_value_after_the_answer_arrives() {
     let guarded = || (member(1, 2).0, member(2, 1).0);

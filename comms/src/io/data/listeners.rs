@@ -1,7 +1,8 @@
 //! The subscribers of a publisher.
 
+use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::{Condvar, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// Whether the publisher has a subscriber.
@@ -11,6 +12,16 @@ pub(crate) struct Listeners {
     /// Whether there is any subscriber. An atomic, because loops read it each time they send.
     is_any: AtomicBool,
     changed: Condvar,
+    on_arrival: OnceLock<OnArrival>,
+}
+
+/// Called when a subscriber comes.
+struct OnArrival(Box<dyn Fn() + Send + Sync>);
+
+impl fmt::Debug for OnArrival {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("OnArrival")
+    }
 }
 
 /// The kinds of the present subscribers.
@@ -29,11 +40,24 @@ impl Matching {
 impl Listeners {
     pub(super) fn set(&self, matching: bool) {
         self.change(|heard| heard.by_zenoh = matching);
+        self.tell(matching);
     }
 
     /// Notes whether the consumer is connected directly.
     pub(crate) fn set_direct(&self, is_connected: bool) {
         self.change(|heard| heard.directly = is_connected);
+        self.tell(is_connected);
+    }
+
+    /// Calls `on_arrival` whenever a subscriber comes, on a thread that must not wait. A second call has no effect.
+    pub(super) fn on_arrival(&self, on_arrival: impl Fn() + Send + Sync + 'static) {
+        self.on_arrival.get_or_init(|| OnArrival(Box::new(on_arrival)));
+    }
+
+    fn tell(&self, has_come: bool) {
+        if let Some(OnArrival(tell)) = self.on_arrival.get().filter(|_| has_come) {
+            tell();
+        }
     }
 
     /// Returns whether there is a subscriber over zenoh.

@@ -154,8 +154,8 @@ impl Stranger {
 }
 
 impl Consumer {
-    /// Sends the answer, and returns the connection. The caller must let no value be sent over the wire until it uses
-    /// the connection: a consumer that has the answer has told its node, and misses no value from then on.
+    /// Sends the answer, and returns the connection. The caller must allow no value over the wire until it has taken
+    /// the connection, because the consumer expects each value after the answer.
     ///
     /// # Errors
     /// The consumer is gone.

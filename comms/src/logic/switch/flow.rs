@@ -17,12 +17,14 @@ pub struct Flow {
     number: u32,
     /// The last value, for consumers that connect later.
     last: Option<Vec<u8>>,
+    /// Whether a consumer that comes lacks the last value, and nothing else makes this wire repeat it.
+    is_owed: bool,
 }
 
 impl Flow {
     /// Returns a closed wire.
     pub fn new(shape: Shape) -> Self {
-        Self { shape, ..Self::default() }
+        Self { shape, is_owed: true, ..Self::default() }
     }
 
     /// Takes a value to be sent; returns whether it passes.
@@ -78,6 +80,22 @@ impl Flow {
         last
     }
 
+    /// Notes whether a consumer was there for a value that has passed. If the only consumer so far was there, and is
+    /// gone, its node asks for the last value once it was started again.
+    pub fn sent(&mut self, has_consumer: bool) {
+        self.is_owed &= !has_consumer;
+    }
+
+    /// Notes whether a consumer was there for the last value, which was sent again.
+    pub fn repeated(&mut self, has_consumer: bool) {
+        self.is_owed = !has_consumer;
+    }
+
+    /// Returns whether the last value has to be sent again once a consumer comes.
+    pub fn owes(&self) -> bool {
+        self.open && self.is_owed && self.last.is_some()
+    }
+
     /// Closes the wire; returns how many values have passed since it was opened. A second call returns the same
     /// number.
     pub fn close(&mut self) -> u64 {
@@ -115,6 +133,31 @@ mod tests {
         assert!(!flow.offer(b"b", at(3)));
         assert_eq!((flow.open(at(4)), flow.close()), (Some(b"b".to_vec()), 1));
         assert_eq!(flow.number(), 2, "numbers go on when a wire is opened again");
+    }
+
+    #[test]
+    fn the_last_value_is_owed_to_a_consumer_that_was_not_there() {
+        let mut flow = Flow::new(Shape { latch: true, ..Shape::default() });
+        flow.open(at(0));
+        assert!(!flow.owes(), "nothing was sent");
+        assert!(flow.offer(b"a", at(1)));
+        flow.sent(false);
+        assert!(flow.owes(), "no consumer has come yet");
+        flow.close();
+        assert!(!flow.owes() && flow.open(at(2)).is_some());
+        flow.repeated(true);
+        assert!(!flow.owes() && flow.offer(b"b", at(3)));
+        flow.sent(false);
+        assert!(!flow.owes(), "the node of the consumer asks for it");
+        flow.close();
+        flow.open(at(4));
+        flow.repeated(false);
+        assert!(flow.owes() && flow.offer(b"c", at(5)));
+        flow.sent(true);
+        assert!(!flow.owes(), "it has a later value");
+        let mut other = Flow::new(Shape::default());
+        other.open(at(0));
+        assert!(other.offer(b"a", at(1)) && !other.owes(), "nothing is kept");
     }
 
     #[test]

@@ -111,6 +111,7 @@ impl Cycle {
                 self.command(command);
             }
             self.serve();
+            self.lines.links.repeat_owed();
             self.lines.notices.tell(self.lines.inbox.take_refused());
             let triggered = self.take_samples();
             self.hand_messages();

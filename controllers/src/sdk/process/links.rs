@@ -61,6 +61,8 @@ pub(super) struct Links {
     keyring: Option<Arc<Keyring>>,
     /// The direct path to programs of this host, if there is one.
     direct: Option<Arc<DirectPath>>,
+    /// Whether a consumer of a latched wire has come since the loop last looked.
+    has_come: Arc<AtomicBool>,
 }
 
 /// The configuration that arrives before the links are made.
@@ -160,6 +162,7 @@ impl Links {
             let shape = self.shape_of(outgoing.wire);
             let (direct, memories) = (self.direct.as_deref(), &mut self.lock().memories);
             let wire = wire(session, direct, interface, keyring, outgoing, shape, memories)?;
+            self.watch(&wire, inbox);
             made.wires.insert(outgoing.wire, wire);
         }
         if is_first {
@@ -225,32 +228,26 @@ impl Links {
     /// Closes and opens wires between two values. Earlier values are not delivered late, except the last value of a
     /// latched wire. A repeated call only repeats the boundaries.
     pub(super) fn flip(&self, flip: &Flip) {
-        let Flip { generation, close, open } = flip;
-        let opened: Vec<u32> = open.iter().map(|opening| opening.wire).collect();
-        self.callers.switch(close, false);
+        let opened: Vec<u32> = flip.open.iter().map(|opening| opening.wire).collect();
+        self.callers.switch(&flip.close, false);
         self.callers.switch(&opened, true);
-        let (mut made, now) = (self.lock(), now());
-        for wire in close {
-            let Some(wire) = made.wires.get_mut(wire) else { continue };
-            let sent = wire.flow.close();
-            wire.way.mark(&Boundary::Closed { generation: *generation, sent }, wire.flow.number());
-            wire.way.keep(None);
-        }
-        for Opening { wire, after } in open {
-            let Some(wire) = made.wires.get_mut(wire) else { continue };
-            let (was_open, before) = (wire.flow.is_open(), wire.flow.number());
-            let last = wire.flow.open(now);
-            wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
-            match (&wire.way, last) {
-                (Transport::Push(_), Some(last)) => {
-                    if !wire.send_directly(&mut Parcel::new(&last)) {
-                        wire.send(&last.into());
-                    }
-                }
-                (Transport::Push(_), None) => {}
-                (Transport::Pull { .. }, _) if was_open => {}
-                (Transport::Pull { .. }, last) => wire.way.keep(last),
-            }
+        self.lock().flip(flip, now());
+    }
+
+    /// Wakes the loop when a consumer of this wire comes, if the wire may owe it a value.
+    fn watch(&self, wire: &Wire, inbox: &Arc<Inbox>) {
+        let (has_come, inbox) = (Arc::clone(&self.has_come), Arc::clone(inbox));
+        wire.on_arrival(move || {
+            has_come.store(true, Ordering::Release);
+            inbox.wake();
+        });
+    }
+
+    /// Sends the last values of latched wires to consumers that have come too late for them. The consumer of a program
+    /// that was started again may be linked later than the program, and its node cannot know when.
+    pub(super) fn repeat_owed(&self) {
+        if self.has_come.swap(false, Ordering::AcqRel) {
+            self.lock().repeat_owed(now());
         }
     }
 
@@ -261,6 +258,7 @@ impl Links {
         let mut passing = Vec::new();
         for (&number, wire) in made.wires.iter_mut().filter(|(_, wire)| wire.port == port) {
             if wire.flow.offer(&bytes, now) {
+                wire.flow.sent(wire.has_consumer());
                 passing.push(number);
                 if matches!(wire.way, Transport::Pull { .. }) {
                     wire.way.keep(Some(bytes.clone()));
@@ -359,6 +357,35 @@ impl DialBudget {
 }
 
 impl Made {
+    fn flip(&mut self, flip: &Flip, now: Time) {
+        let Flip { generation, close, open } = flip;
+        for wire in close {
+            let Some(wire) = self.wires.get_mut(wire) else { continue };
+            let sent = wire.flow.close();
+            wire.way.mark(&Boundary::Closed { generation: *generation, sent }, wire.flow.number());
+            wire.way.keep(None);
+        }
+        for Opening { wire, after } in open {
+            let Some(wire) = self.wires.get_mut(wire) else { continue };
+            let (was_open, before) = (wire.flow.is_open(), wire.flow.number());
+            let last = wire.flow.open(now);
+            wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
+            match (&wire.way, last) {
+                (Transport::Push(_), Some(last)) => wire.repeat(last),
+                (Transport::Push(_), None) => {}
+                (Transport::Pull { .. }, _) if was_open => {}
+                (Transport::Pull { .. }, last) => wire.way.keep(last),
+            }
+        }
+    }
+
+    /// Closes and opens the wires that owe their last values, as their node does for a consumer that was started again.
+    fn repeat_owed(&mut self, now: Time) {
+        let close: Vec<u32> = self.wires.iter().filter(|(_, wire)| wire.owes()).map(|(number, _)| *number).collect();
+        let open = close.iter().map(|wire| Opening { wire: *wire, after: Vec::new() }).collect();
+        self.flip(&Flip { close, open, ..Flip::default() }, now);
+    }
+
     /// Returns the way of a new wire whose consumer listens.
     fn heard(&self, wire: u32) -> Option<&Push> {
         match &self.wires.get(&wire)?.way {

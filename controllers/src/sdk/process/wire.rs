@@ -53,6 +53,36 @@ impl Wire {
         is_connected && !publisher.is_heard_over_zenoh() && !self.is_seen() && !self.flow.is_latched()
     }
 
+    /// Sends the last value again. If no consumer is there, the wire owes the value.
+    pub(super) fn repeat(&mut self, last: Vec<u8>) {
+        self.flow.repeated(self.has_consumer());
+        if !self.send_directly(&mut Parcel::new(&last)) {
+            self.send(&last.into());
+        }
+    }
+
+    /// Returns whether a consumer has come to which the wire owes its last value.
+    pub(super) fn owes(&self) -> bool {
+        self.flow.owes() && self.has_consumer()
+    }
+
+    /// Returns whether there is a consumer.
+    pub(super) fn has_consumer(&self) -> bool {
+        match &self.way {
+            Transport::Push(Push { publisher, .. }) => publisher.is_heard(),
+            Transport::Pull { .. } => true,
+        }
+    }
+
+    /// Calls `on_arrival` whenever a consumer comes that may lack the last value.
+    pub(super) fn on_arrival(&self, on_arrival: impl Fn() + Send + Sync + 'static) {
+        if let Transport::Push(Push { publisher, .. }) = &self.way
+            && self.flow.is_latched()
+        {
+            publisher.on_arrival(on_arrival);
+        }
+    }
+
     /// Returns whether people watch the values that are sealed for the consumer.
     fn is_seen(&self) -> bool {
         self.seen.as_ref().is_some_and(Publisher::is_heard)

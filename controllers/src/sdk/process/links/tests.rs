@@ -2,18 +2,29 @@
 
 use super::super::wire::fetch_all;
 use super::*;
+use crate::sdk::controller::About;
+use crate::sdk::interface::PortInterface;
 use comms::io::clock::Wakeup;
 use comms::io::data::Priority;
 use comms::io::session::Reach;
 use comms::logic::key;
+use comms::logic::switch::Arrival;
+use std::borrow::Cow;
 use std::io::{Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU64;
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{Receiver, sync_channel};
 
 const LONG: Duration = Duration::from_secs(20);
+
+/// Returns the interface of a program with the output `Out`.
+fn interface() -> Interface {
+    let ports = vec![PortInterface::wire("Out", Direction::Out, "Number")];
+    let (exports, calls, inner) = Default::default();
+    Interface { type_name: "Source", about: About::service("Sends numbers."), ports, exports, calls, inner }
+}
 
 /// Eight producers that do not answer take as long as one.
 #[test]
@@ -106,6 +117,72 @@ fn carry(mut from: UnixStream, mut to: UnixStream, delay: Duration) {
         }
         to.shutdown(Shutdown::Both).unwrap_or_default();
     });
+}
+
+/// A program is started again, and its consumers are linked later. Each lacks the last value, and gets it once.
+#[test]
+fn a_consumer_that_comes_late_gets_the_last_value_once() {
+    let folder = std::env::temp_dir().join(format!("dca-owed-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let open = |name: &str| DataSession::open(&folder.join(name), Reach::Host).unwrap();
+    let (producer, consumer) = (open("p.sock"), open("c.sock"));
+    let location = producer.location();
+    consumer.dial(&Dial { session: location.session, locators: location.local }, LONG).unwrap();
+    let (links, inbox, key) = (Links::default(), Arc::default(), key::wire("owed", 1, 0));
+    let outgoing = Outgoing { wire: 0, port: "Out".into(), key: key.clone(), pull: false };
+    let shape = Shape { latch: true, ..Shape::default() };
+    let made = wire(&producer, None, &interface(), None, &outgoing, shape, &mut BTreeMap::new()).unwrap();
+    links.watch(&made, &inbox);
+    links.lock().wires.insert(0, made);
+    let hear = || {
+        let (heard_tx, heard) = sync_channel(64);
+        let hear = move |arrival: Arrival<Cow<'_, [u8]>>, _: Option<_>| {
+            if let Arrival::Value(bytes) = arrival {
+                heard_tx.try_send(bytes.into_owned()).unwrap();
+            }
+        };
+        (consumer.on_wire(&key, hear).unwrap(), heard)
+    };
+    // The loop of the producer.
+    let run_until = |is_so: &dyn Fn() -> bool| {
+        let until = now() + LONG;
+        while !is_so() {
+            assert!(now() < until, "it does not come about");
+            inbox.wait(Some(now() + LONG / 1000));
+            links.repeat_owed();
+        }
+    };
+    let has_consumer = || links.lock().wires.values().all(Wire::has_consumer);
+    let send = |value: &[u8]| links.send("Out", value.to_vec());
+    let next = |heard: &Receiver<Vec<u8>>| heard.recv_timeout(LONG).unwrap();
+    let open = vec![Opening { wire: 0, after: Vec::new() }];
+    let repeat = Flip { close: vec![0], open, ..Flip::default() };
+
+    links.switch(&[0], true);
+    send(b"first");
+    let (mut hearing, mut heard) = hear();
+    run_until(&has_consumer);
+    links.repeat_owed();
+    assert_eq!(next(&heard), b"first");
+    // The consumer is started again. Its node asks for the last value before or after the producer knows the consumer.
+    for (round, is_early) in [true, false, true, true, false].into_iter().enumerate() {
+        drop(hearing);
+        run_until(&|| !has_consumer());
+        let value = [u8::try_from(round).unwrap()];
+        send(&value);
+        if is_early {
+            links.flip(&repeat);
+        }
+        (hearing, heard) = hear();
+        run_until(&has_consumer);
+        links.repeat_owed();
+        if !is_early {
+            links.flip(&repeat);
+        }
+        send(b"next");
+        assert_eq!((next(&heard), next(&heard)), (value.to_vec(), b"next".to_vec()));
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 /// Links with a round trip of up to 3 s can be made, and stay.
