@@ -230,10 +230,9 @@ mod tests {
         let hello = codec::encode(&Hello { token: "t".into(), key: "k".into(), form }).unwrap();
         send_waiting(&theirs, &[&hello], Some(event().as_fd()), Waits::Never).unwrap();
         let news = News { is_ready: true, has_keys: false, now: now() };
-        match Stranger::new(own, now() + HELLO_WITHIN).turn(news, shared) {
-            Some(Fate::Accepted(consumer)) => (theirs, consumer),
-            _ => panic!("the consumer is refused"),
-        }
+        let fate = Stranger::new(own, now() + HELLO_WITHIN).turn(news, shared);
+        let Some(Fate::Accepted(consumer)) = fate else { panic!("the consumer is refused") };
+        (theirs, consumer)
     }
 
     fn is_welcomed(socket: &OwnedFd) -> bool {

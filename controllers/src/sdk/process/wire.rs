@@ -21,6 +21,9 @@ use std::time::Duration;
 
 /// The time limit for a producer on the same host to accept a consumer. After this the wire uses zenoh.
 const DIRECT_WITHIN: Duration = Duration::from_secs(2);
+/// The same limit if no time is left, because a restarted program has waited for programs that are gone. A producer that runs
+/// accepts within milliseconds.
+const DIRECT_AT_LEAST: Duration = Duration::from_millis(100);
 /// The longest time for an answer to a consumer that fetches. It is equal to the time for which a silent link is kept.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 /// How many questions of one wire may be in transit.
@@ -273,7 +276,7 @@ impl WireInput {
         hold: Hold,
         within: Duration,
     ) -> Result<Self, String> {
-        if let Some(inlet) = ways.directly(incoming, input, hold, within.min(DIRECT_WITHIN), None) {
+        if let Some(inlet) = ways.directly(incoming, input, hold, within.clamp(DIRECT_AT_LEAST, DIRECT_WITHIN), None) {
             let (incoming, input) = (incoming.clone(), input.clone());
             return Ok(Self::Direct(Box::new(DirectInput { incoming, input, hold, inlet })));
         }

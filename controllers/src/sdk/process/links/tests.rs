@@ -185,6 +185,42 @@ fn a_consumer_that_comes_late_gets_the_last_value_once() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// A program that is gone uses up the time of a restarted program. A producer on this host still gets a direct wire.
+#[test]
+fn a_program_that_is_gone_takes_no_direct_wire_away() {
+    let folder = std::env::temp_dir().join(format!("dca-gone-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = |name: &str| DirectPath::open(&folder.join(name), None).unwrap();
+    let (session, producer, own) = (DataSession::open_observer(None).unwrap(), path("p.wire"), path("c.wire"));
+    let ports = ["Far", "Near"].map(|name| PortInterface::wire(name, Direction::In, "Number")).to_vec();
+    let nobody = format!("unixsock-stream/{}", folder.join("nobody").display());
+    let incoming = |wire: u32, port: &str, locators: &[String]| Incoming {
+        wire,
+        port: port.into(),
+        key: key::wire("gone", 1, wire),
+        producer: Dial { session: format!("a{wire}"), locators: locators.to_vec() },
+        pull: false,
+    };
+    let orders = LinkOrders {
+        instance: "sink".into(),
+        robot: "c1".into(),
+        incoming: vec![
+            incoming(0, "Far", std::slice::from_ref(&nobody)),
+            incoming(1, "Near", &[nobody.clone(), producer.locator()]),
+        ],
+        outgoing: Vec::new(),
+        devices: Vec::new(),
+    };
+    let links = Links::new(None, Some(Arc::new(own)));
+    links.rejoin();
+    let interface = Interface { ports, ..interface() };
+    links.make(&Arc::new(session), &interface, orders, &Arc::default()).unwrap();
+    let is_direct = |wire| matches!(links.lock().inputs.get(&wire), Some((_, WireInput::Direct(_))));
+    assert_eq!([is_direct(0), is_direct(1)], [false, true]);
+    links.clear();
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// Links with a round trip of up to 3 s can be made, and stay.
 #[test]
 fn links_are_made_over_2900_ms_of_round_trip() {
