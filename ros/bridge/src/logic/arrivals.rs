@@ -175,6 +175,7 @@ pub(crate) fn short<M: AsRef<[u8]>>(message: M) -> Result<M, Refused> {
 mod tests {
     use super::*;
     use controllers::ros::{geometry_msgs::TransformStamped, tf2_msgs::TFMessage};
+    use proptest::prelude::*;
     use ros::logic::attachment::Gid;
     use ros::logic::library;
     use ros::logic::name::TypeName;
@@ -207,6 +208,40 @@ mod tests {
         assert_eq!(arrivals.counts(), Counts { received: 5, lost: 6, refused: 0 });
         take(&mut arrivals, 9);
         assert_eq!(arrivals.next(), Some(Arrived { lost: 0, value: vec![5, 0, 1, 0, 0, 7] }));
+    }
+
+    proptest! {
+        /// Messages of two publishers get lost, wait, give way and are taken, in any order. Each number of each
+        /// publisher is a value, or is counted before the next value.
+        #[test]
+        fn each_message_is_a_value_or_is_counted(
+            depth in 1..6_usize,
+            steps in prop::collection::vec((0..2_u8, prop::option::weighted(0.7, 0..4_i64)), 0..100),
+        ) {
+            let schema = library::schema(&TypeName::parse("std_msgs/UInt8").unwrap()).unwrap();
+            let mut arrivals = Arrivals::new(Conversion::none(schema), depth);
+            let (mut last, mut taken, mut told, mut received) = ([0; 2], 0, 0, 0);
+            for (sender, missing) in steps {
+                let Some(missing) = missing else {
+                    let next = arrivals.next();
+                    told += next.as_ref().map_or(0, |next| next.lost);
+                    taken += u64::from(next.is_some());
+                    continue;
+                };
+                let last = &mut last[usize::from(sender)];
+                // The messages before the first one of a publisher are not missed.
+                *last += 1 + if *last == 0 { 0 } else { missing };
+                let attachment = Attachment { sequence: *last, nanos: 0, sender: Gid([sender; 16]) }.encode();
+                arrivals.take(Some(&attachment), &[&[0, 1, 0, 0, 7]]).unwrap();
+                received += 1;
+            }
+            let counts = arrivals.counts();
+            while let Some(next) = arrivals.next() {
+                (taken, told) = (taken + 1, told + next.lost);
+            }
+            prop_assert_eq!(i64::try_from(taken + told).unwrap(), last[0] + last[1]);
+            prop_assert_eq!(counts, Counts { received, lost: told, refused: 0 });
+        }
     }
 
     #[test]

@@ -266,6 +266,11 @@ impl Bridge {
         self.module.deliver_from(port, &mut &*bytes, Time::ZERO).is_ok()
     }
 
+    /// Reports values that a wire has lost.
+    pub(crate) fn lose(&mut self, port: &str, count: u64) {
+        self.module.lose(port, count);
+    }
+
     /// Calls an export; the caller waits until [`Bridge::give_up`].
     pub(crate) fn call(&mut self, name: &str, argument: &[u8]) -> Receiver<Result<Vec<u8>, ObjectError>> {
         let (tx, answer) = sync_channel(1);

@@ -64,6 +64,18 @@ fn a_message_has_its_key_its_attachment_and_its_token() {
     assert_eq!(gone.map(|(kind, _)| kind), [SampleKind::Delete; 2]);
 }
 
+/// A subscriber of ROS 2 counts what is lost behind the bridge, by the numbers of the messages.
+#[test]
+fn values_that_a_wire_has_lost_are_counted() {
+    let router = Router::new();
+    let mut bridge = Bridge::new(ROUTE, &router);
+    bridge.lose("robot1.chatter", 3);
+    assert!(bridge.deliver("robot1.chatter", &value(&string("after"))));
+    bridge.lose("robot1.chatter", 2);
+    bridge.expect_signal("/robot1/chatter lost", 5.0);
+    bridge.expect_signal("/robot1/chatter received", 1.0);
+}
+
 /// Subscribes to `/map` as a node of ROS 2 does that wants the last messages.
 fn subscribe_late(node: &Session) -> (AdvancedSubscriber<()>, Receiver<Sample>) {
     let (tx, heard) = std::sync::mpsc::sync_channel(8);
