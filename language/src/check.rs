@@ -74,6 +74,7 @@ fn compile_all(
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
         types::check_starts(&mut model, &mut diagnostics);
+        types::check_results(&model, &mut diagnostics);
         ports::check(&mut model, &mut diagnostics);
         flow::check(&mut model, &mut diagnostics);
     }

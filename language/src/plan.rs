@@ -426,7 +426,7 @@ pub enum Expression {
     },
     /// The states of an activity. They are the whole event actions of their group.
     Chart(Box<StateChart>),
-    /// `P with { x = 2 m }`: P starts with this value.
+    /// `P with { x = 2 m }`, `P with p`: P starts with this value.
     With {
         /// The value.
         given: Given,
@@ -454,6 +454,13 @@ pub enum Expression {
         /// The operands.
         of: Vec<Self>,
     },
+    /// `p => P`: keeps its start value under a name, as long as P runs. P starts with nothing.
+    Named {
+        /// The name.
+        name: String,
+        /// The operand.
+        of: Box<Self>,
+    },
 }
 
 impl Expression {
@@ -476,6 +483,7 @@ impl Expression {
             | Self::Using { of, .. }
             | Self::Tagged { of, .. }
             | Self::With { of, .. }
+            | Self::Named { of, .. }
             | Self::Repeat { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
             Self::Catch { of, arms } => std::iter::once(&**of).chain(arms.iter().map(|arm| &arm.body)).collect(),
@@ -502,6 +510,7 @@ impl Expression {
             | Self::Using { of, .. }
             | Self::Tagged { of, .. }
             | Self::With { of, .. }
+            | Self::Named { of, .. }
             | Self::Repeat { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&mut **source).chain(pool).collect(),
             Self::Catch { of, arms } => {

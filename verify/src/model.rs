@@ -7,7 +7,7 @@
 
 use crate::story::inside::Way;
 use language::algebra::{Program, Value};
-use language::plan::{Expression, Group, Member, MemberKind, Notice, Plan};
+use language::plan::{Expression, Given, Group, Member, MemberKind, Notice, Plan};
 use language::sites::{Property, Sites};
 use std::time::Duration;
 
@@ -248,7 +248,8 @@ impl Outline<'_> {
         let mut pieces: Vec<(&Expression, u32)> = Vec::new();
         for (operand, &start) in operands.iter().zip(&starts) {
             let is_task = !self.is_service(operand);
-            if !is_small && is_task && !may_end_at_once(operand) && self.is_alone(operand) {
+            let is_apart = !may_end_at_once(operand) && self.is_alone(operand) && results(operand).is_empty();
+            if !is_small && is_task && is_apart {
                 pieces.push((operand, start));
             } else {
                 kept.push((operand, start));
@@ -365,6 +366,7 @@ fn configurations(expression: &Expression) -> u64 {
         | Expression::Chart(_)
         | Expression::Tagged { .. }
         | Expression::With { .. }
+        | Expression::Named { .. }
         | Expression::Repeat { .. }
         | Expression::Catch { .. } => parts().fold(1, u64::saturating_add),
         Expression::Shield { .. } | Expression::Finally(..) => parts().fold(1, u64::saturating_add).saturating_mul(2),
@@ -416,9 +418,21 @@ fn may_end_at_once(expression: &Expression) -> bool {
         | Expression::Using { .. }
         | Expression::Tagged { .. }
         | Expression::With { .. }
+        | Expression::Named { .. }
         | Expression::Repeat { .. }
         | Expression::Asynchronous { .. } => expression.operands().into_iter().any(may_end_at_once),
     }
+}
+
+/// The results around an expression with which something in it starts.
+fn results(expression: &Expression) -> Vec<&str> {
+    let mut used: Vec<&str> = expression.operands().into_iter().flat_map(results).collect();
+    if let Expression::With { given: Given::Result(name), .. } = expression {
+        used.push(name);
+    } else if let Expression::Named { name, .. } = expression {
+        used.retain(|other| other != name);
+    }
+    used
 }
 
 fn resources(expression: &Expression) -> Vec<&str> {
@@ -479,6 +493,7 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
         | Expression::Using { of, .. }
         | Expression::Tagged { of, .. }
         | Expression::With { of, .. }
+        | Expression::Named { of, .. }
         | Expression::Repeat { of, .. } => {
             **of = write(of);
         }

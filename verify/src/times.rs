@@ -224,7 +224,7 @@ impl Times<'_, '_> {
                 let (done_most, end) = (add(turn, parts[0].done_most), add(turn, parts[0].end));
                 Span { done_most, end, ..parts[0] }
             }
-            Expression::Tagged { .. } | Expression::With { .. } => parts[0],
+            Expression::Tagged { .. } | Expression::With { .. } | Expression::Named { .. } => parts[0],
         }
     }
 

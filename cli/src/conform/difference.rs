@@ -4,7 +4,7 @@
 //! Processes are found by their paths, so their order in the plan does not matter.
 
 use language::plan::{
-    Argument, Backoff, Claim, Constant, DEADLINE, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan,
+    Argument, Backoff, Claim, Constant, DEADLINE, Expression, Given, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan,
     Policy, Replacement, Restart, Strategy, Supervision, Wire,
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -130,7 +130,11 @@ fn is_same(one: &Group, p: &Expression, other: &Group, q: &Expression) -> bool {
             arms.iter().map(|arm| &arm.failure).eq(theirs.iter().map(|arm| &arm.failure))
         }
         (Expression::Repeat { until, .. }, Expression::Repeat { until: theirs, .. }) => until == theirs,
-        (Expression::With { given, .. }, Expression::With { given: theirs, .. }) => given.value == theirs.value,
+        (Expression::With { given, .. }, Expression::With { given: theirs, .. }) => match (given, theirs) {
+            (Given::Known { value, .. }, Given::Known { value: other, .. }) => value == other,
+            (Given::Result(name), Given::Result(other)) => name == other,
+            (Given::Known { .. }, Given::Result(_)) | (Given::Result(_), Given::Known { .. }) => false,
+        },
         (_, _) => std::mem::discriminant(p) == std::mem::discriminant(q),
     };
     let (operands, others) = (p.operands(), q.operands());

@@ -185,6 +185,7 @@ impl Packing {
                 | Kind::AnyOf { .. }
                 | Kind::AtLeast { .. }
                 | Kind::Disable
+                | Kind::Named(_)
                 | Kind::Asynchronous => counting.push(node),
                 Kind::Skip
                 | Kind::Never
@@ -418,7 +419,7 @@ fn count(program: &Program, all: &mut [u64], node: usize) {
         return;
     }
     let kind = &program.nodes[node].kind;
-    let has_slots = !matches!(kind, Kind::Disable | Kind::Asynchronous) && own != Phase::Draining;
+    let has_slots = !matches!(kind, Kind::Disable | Kind::Asynchronous | Kind::Named(_)) && own != Phase::Draining;
     let waits_for_all = !matches!(kind, Kind::Concurrent { .. });
     let is_counted =
         |operand: usize| own == Phase::Draining || has_slots && (waits_for_all || program.is_task(node, operand));

@@ -13,14 +13,14 @@
 //! - node 0 is the root and the only node without a parent; a parent's index is smaller than its operands';
 //! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
 //!   node's own, which is how the operands of a node are walked without a list of them;
-//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using`, `as`, `with` and `repeat` one, constants and members none, `::` at least one,
+//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using`, `as`, `with`, `=>` and `repeat` one, constants and members none, `::` at least one,
 //!   its source, before the copies of its pool, `else match` its operand, before its arms, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
 use super::event::{Event, Value};
 use super::phase::Phase;
 use crate::automaton::{Automaton, Failure};
-use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Notice, StateChart};
+use crate::plan::{DEPTH_MAX, Expression, Given, Group, Member, MemberKind, Notice, StateChart};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
@@ -182,7 +182,7 @@ pub(super) enum Kind {
     /// The states of an activity.
     Chart,
     /// `with`
-    With(Value),
+    With(Start),
     /// `repeat`
     Repeat {
         /// Where the tags that end it are in [`Program::tags`].
@@ -192,6 +192,20 @@ pub(super) enum Kind {
     Catch {
         /// Where the failures of its arms are in [`Program::failures`].
         failures: Range<usize>,
+    },
+    /// `p => P`
+    Named(Arc<str>),
+}
+
+/// The value that the operand of a `with` starts with.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) enum Start {
+    Known(Value),
+    /// The value that the node `keeper` around the `with` keeps.
+    Kept {
+        keeper: usize,
+        /// The number of nodes between the two that also keep values.
+        between: u32,
     },
 }
 
@@ -274,7 +288,7 @@ impl Program {
     fn add(&mut self, members: &[Member], expression: &Expression, parent: Option<usize>, depth: usize) {
         assert!(depth <= DEPTH_MAX, "a validated expression is nested at most {DEPTH_MAX} deep");
         let node = self.nodes.len();
-        let kind = self.kind(expression);
+        let kind = self.kind(expression, parent);
         self.nodes.push(Node { parent, end: node + 1, service: false, kind });
         for operand in expression.operands() {
             self.add(members, operand, Some(node), depth + 1);
@@ -287,7 +301,7 @@ impl Program {
         }
     }
 
-    fn kind(&mut self, expression: &Expression) -> Kind {
+    fn kind(&mut self, expression: &Expression, parent: Option<usize>) -> Kind {
         match expression {
             Expression::Run { member, sets } => {
                 let start = self.sets.len();
@@ -326,7 +340,8 @@ impl Program {
             Expression::Finally(..) => Kind::Finally,
             Expression::Tagged { tag, .. } => Kind::Tagged(tag.as_str().into()),
             Expression::Chart(_) => Kind::Chart,
-            Expression::With { given, .. } => Kind::With(given.value.clone()),
+            Expression::With { given, .. } => Kind::With(self.given(given, parent)),
+            Expression::Named { name, .. } => Kind::Named(name.as_str().into()),
             Expression::Repeat { until, .. } => {
                 let start = self.tags.len();
                 self.tags.extend(until.iter().map(|tag| Some(Arc::from(tag.as_str()))));
@@ -338,6 +353,25 @@ impl Program {
                 Kind::Catch { failures: start..self.failures.len() }
             }
         }
+    }
+
+    /// Returns the start value of a `with` that has this parent.
+    fn given(&self, given: &Given, parent: Option<usize>) -> Start {
+        let name = match given {
+            Given::Known { value, .. } => return Start::Known(value.clone()),
+            Given::Result(name) => name,
+        };
+        let mut between = 0;
+        for keeper in std::iter::successors(parent, |&node| self.nodes[node].parent) {
+            if let Kind::Named(kept) = &self.nodes[keeper].kind {
+                if **kept == **name {
+                    return Start::Kept { keeper, between };
+                }
+                between += 1;
+            }
+        }
+        // This is a part of an expression that is compiled alone. A valid expression names only values around it.
+        Start::Known(Value::EMPTY)
     }
 
     /// Numbers the timer of the next node.
@@ -379,6 +413,7 @@ impl Program {
             | Kind::Using { .. }
             | Kind::Tagged(_)
             | Kind::With(_)
+            | Kind::Named(_)
             | Kind::Repeat { .. }
             | Kind::Catch { .. } => self.nodes[node + 1].service,
             Kind::Chart => self.chart.as_ref().is_some_and(|chart| chart.is_service),

@@ -19,6 +19,7 @@
 //!   arec: P done(u), pool    P: Done, outcome =       arec that ends                Draining, but its pool continues
 //!   full                     done(u)
 //!   fin1(C,F)                Running; stop: Stopping  fin2(o,C)                     Second, outcome = o
+//!   p => C with value v      Second, outcome = done(v); stop: Draining, outcome = done(v)
 //! ```
 //!
 //! Invariants, between two events:

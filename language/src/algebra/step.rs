@@ -44,6 +44,7 @@
 //! REPEAT     done(t:v) -> done(t:v) if t ends it     any other done -> empty |- P     aborted(r) -> aborted(r)
 //! TAG        done(v) -> done(t:v)                    any other o -> o
 //! [s-with]   v |- E with u   u |- E               WITH  o -> o
+//! [s-named]  v |- p => E     empty |- E, in which `with p` is `with v`           NAMED  o -> o
 //! CHART      o -> the event of the automaton that the run has ended like this; its commands start and stop runs
 //! SHIELD     o -> o; of a shield that holds up a stop, killed unless o is an unconfirmed stop
 //! [e-done] [e-abort] [e-stopped] [e-unconf] [e-timer]         the leaf's part, which also disconnects L
@@ -219,7 +220,8 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         if let Some(ended) = &mut self.ended {
             ended.push(operand);
         }
-        if self.state.cells[node].phase == Phase::Draining {
+        let is_named = matches!(self.program.nodes[node].kind, Kind::Named(_));
+        if self.state.cells[node].phase == Phase::Draining && !is_named {
             return self.drained(node, outcome);
         }
         match self.program.nodes[node].kind {
@@ -246,7 +248,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
                 self.slot(node, operand, outcome);
                 self.at_least(node, count)
             }
-            Kind::Match { .. } | Kind::With(_) => self.pass(node, outcome),
+            Kind::Match { .. } | Kind::With(_) | Kind::Named(_) => self.pass(node, outcome),
             Kind::Shield { .. } => Some(self.shield(node, outcome)),
             Kind::Using { .. } => Some(self.using(node, outcome)),
             Kind::Asynchronous => self.asynchronous(node, operand, outcome),

@@ -162,7 +162,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
 
     /// Returns the number of an opaque variable.
     fn kept(&self, name: &str) -> Option<usize> {
-        self.group.variables.get(name).copied().flatten()
+        self.group.kept.variables.get(name).copied().flatten()
     }
 
     fn take_runs(&mut self) -> Vec<(usize, Expr)> {
@@ -254,7 +254,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             known.insert(name.text.clone(), name.span);
             let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else {
                 // The name is known, so uses of the variable are not reported as mistakes.
-                self.group.variables.insert(name.text.clone(), None);
+                self.group.kept.variables.insert(name.text.clone(), None);
                 let any = Domain::Range(i32::MIN, i32::MAX);
                 let (min, max) = any.range();
                 self.variables.insert(name.text.clone(), (self.chart.variables.len(), any));
@@ -264,7 +264,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             };
             let initial = node.child(SyntaxKind::Formula);
             if domain == Domain::Opaque {
-                self.group.variables.insert(name.text, Some(self.chart.slots));
+                self.group.kept.variables.insert(name.text, Some(self.chart.slots));
                 self.chart.slots += 1;
                 let is_empty = initial.as_ref().is_none_or(|initial| initial.compact_text() == "()");
                 if let (false, Some(initial)) = (is_empty, initial) {
@@ -273,7 +273,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
                 }
                 continue;
             }
-            self.group.variables.insert(name.text.clone(), None);
+            self.group.kept.variables.insert(name.text.clone(), None);
             let (min, max) = domain.range();
             let value = initial.and_then(|initial| self.start_value(&initial, &domain));
             let names = domain.names();

@@ -2,6 +2,7 @@
 
 pub(super) mod catch;
 mod replicate;
+mod result;
 mod scope;
 
 use super::count::Expected;
@@ -33,8 +34,7 @@ pub(super) struct Group<'a> {
     pub(super) names: Names<'a>,
     /// The parameters of the group, and the named constants.
     pub(super) scope: Scope<'a>,
-    /// The variables of an activity. Opaque variables have their numbers.
-    pub(super) variables: BTreeMap<String, Option<usize>>,
+    pub(super) kept: Kept,
     /// The index variables of the enclosing replications, with their values.
     pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
@@ -49,6 +49,17 @@ pub(super) struct Group<'a> {
     pub(super) size: u64,
     /// Labels of processes that own no set.
     pub(super) useless: Vec<(Name, Name)>,
+}
+
+/// The names of values that are kept while processes run.
+#[derive(Debug, Default)]
+pub(super) struct Kept {
+    /// The variables of an activity. Opaque variables have their numbers.
+    pub(super) variables: BTreeMap<String, Option<usize>>,
+    /// The results that have names at this place, the outermost first.
+    results: Vec<result::Known>,
+    /// The results of operands that were read before.
+    ended: Vec<Name>,
 }
 
 impl Group<'_> {
@@ -174,6 +185,7 @@ pub(super) fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
         Operator::Shield => scope::shield(node, group),
         Operator::Using => scope::using(node, group),
         Operator::Match => scope::matching(node, group),
+        Operator::Named => result::named(node, group),
         Operator::Fail => node.token(Text).map(|reason| ExprKind::Fail(reason.content())),
         Operator::Wait => {
             let limit = node.child(Constant).and_then(|node| group.reader().duration(&node));
@@ -352,7 +364,13 @@ fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
 fn start_value(node: &Node, group: &mut Group<'_>) -> Option<StartValue> {
     let constant = node.child(Constant)?;
     let name = constant.names().next().filter(|_| constant.children().next().is_none());
-    let variable = name.and_then(|name| Some((*group.variables.get(&name.text)?, name)));
+    if let Some(name) = name.as_ref().filter(|name| result::is_known(name, group)) {
+        return Some(StartValue::Result(name.clone()));
+    }
+    if name.as_ref().is_some_and(|name| result::report_ended(name, group)) {
+        return None;
+    }
+    let variable = name.and_then(|name| Some((*group.kept.variables.get(&name.text)?, name)));
     match variable {
         Some((Some(number), name)) => Some(StartValue::Kept(number, name)),
         Some((None, name)) => {

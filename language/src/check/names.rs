@@ -1,6 +1,7 @@
 //! Resolves the names of instances inside one group.
 
 use super::diagnostics::Diagnostics;
+use super::index;
 use super::spec::Instance;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::similar::{Near, fold};
@@ -72,6 +73,13 @@ impl<'a> Names<'a> {
     /// Returns the instance with exactly this name, without any report.
     pub(super) fn find(&self, name: &str) -> Option<usize> {
         self.exact.get(name).copied()
+    }
+
+    /// Returns where an instance or an array of this name is declared.
+    pub(super) fn declared(&self, name: &str) -> Option<Span> {
+        let is_array = self.arrays.contains_key(name);
+        let slot = if is_array { self.find(&index::element(name, 0)) } else { self.find(name) };
+        slot.map(|slot| self.instances[slot].name.span)
     }
 
     /// Returns the instance that a name in an event action means, by the lenient rules.

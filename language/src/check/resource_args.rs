@@ -219,7 +219,8 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part)
-        | ExprKind::With(_, part) => guard(part, holds),
+        | ExprKind::With(_, part)
+        | ExprKind::Named(_, part) => guard(part, holds),
         ExprKind::Chart(model) => model.runs.iter_mut().for_each(|(_, run)| guard(run, holds)),
         ExprKind::Catch(first, arms) => {
             guard(first, holds);

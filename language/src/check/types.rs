@@ -4,6 +4,7 @@ mod kinds;
 mod records;
 mod recursion;
 mod resolve;
+mod result;
 mod start;
 
 use super::diagnostics::{Diagnostics, Rounds, key};
@@ -18,6 +19,7 @@ use kinds::TypeChecker;
 use std::collections::BTreeSet;
 
 pub(super) use recursion::is_finite;
+pub(super) use result::check as check_results;
 pub(super) use start::{check as check_starts, declared, takers};
 
 /// Resolves every type, and checks the arguments against the parameters.

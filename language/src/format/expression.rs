@@ -32,6 +32,7 @@ pub(super) fn is_operator(kind: SyntaxKind) -> bool {
         | Operator::Shield
         | Operator::Using
         | Operator::Match
+        | Operator::Named
         | Operator::Suffixed
         | Operator::Paren
         | Operator::Run

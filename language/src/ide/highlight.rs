@@ -82,7 +82,7 @@ fn class(kind: Kind) -> Class {
         Kind::Constant => Class::Constant,
         Kind::Port(..) | Kind::Export(..) => Class::Port,
         Kind::Label(..) | Kind::Outcome => Class::Label,
-        Kind::Variable | Kind::Resource(..) => Class::Variable,
+        Kind::Variable | Kind::Result | Kind::Resource(..) => Class::Variable,
     }
 }
 
@@ -141,6 +141,7 @@ fn is_operator(kind: SyntaxKind, token: &SyntaxToken) -> bool {
         SyntaxKind::Disable,
         SyntaxKind::Sequence,
         SyntaxKind::Chain,
+        SyntaxKind::Named,
         SyntaxKind::Suffixed,
     ];
     let is_arrow = [SyntaxKind::Arrow, SyntaxKind::BackArrow].contains(&kind);

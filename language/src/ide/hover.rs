@@ -56,6 +56,7 @@ impl Analysis {
             Kind::Type(named) => self.type_text(named),
             Kind::Field => self.field_text(symbol.declaration),
             Kind::Outcome => self.outcome_text(&symbol.name),
+            Kind::Result => "The name of a result: `with` starts processes with it.".to_owned(),
             Kind::Variable => "The variable of a replication: one copy is made for each of its values.".to_owned(),
         }
     }

@@ -32,6 +32,8 @@ pub(super) enum Kind {
     Label(usize, usize),
     /// The variable of `all i in 0..4`.
     Variable,
+    /// The name of a result: `find : p => goto with p`.
+    Result,
     /// A resource that `using` takes, with its process and its index.
     Resource(usize, usize),
     /// A tag that a process can end with. The same word is always the same outcome, even if

@@ -105,7 +105,7 @@ impl Analysis {
             Kind::Resource(process, _) => format!("a resource of `{}`", group(process)),
             Kind::Outcome => "an outcome".to_owned(),
             Kind::Type(_) => "another type".to_owned(),
-            Kind::Field | Kind::Variable => return None,
+            Kind::Field | Kind::Variable | Kind::Result => return None,
         };
         let owner = |set: usize, process: usize| self.model.processes[process].sets[set].owner;
         let is_beside = |other: Kind| match (kind, other) {

@@ -175,7 +175,7 @@ words! {
     Suffix "else" "else $0" "`P else Q`: Q if P aborts. `P else match { timeout => Q, \"no way\" => R }` chooses by the reason."
     Suffix "finally" "finally $0" "`P finally Q`: Q runs when P has ended in any way, also when P was stopped."
     Suffix "as" "as ${1:outcome}" "`P as t`: the outcome of P is called t, for a `match`."
-    Suffix "with" "with ${1:value}" "`P with v`: P starts with this value."
+    Suffix "with" "with ${1:value}" "`P with v`: P starts with this value, or with the result of this name."
     Suffix "within" "within ${1:5 s}" "Aborts an operand that takes longer than this time."
     Rule "strategy" "strategy ${1:one_for_all};" "The programs that are restarted together with a program that has died: `one_for_one` \
           (no other program), `one_for_all` (all programs of the group) or `rest_for_one` (all programs that are declared after it)."
@@ -217,6 +217,7 @@ words! {
               of a service is a failure."
     Operator ";" "" "`P ; Q`: P, then Q if P did not abort."
     Operator ":" "" "`P : Q`: P, then Q if P did not abort, and the value of P initialises Q."
+    Operator "=>" "" "`P : p => Q`: Q starts with nothing, and in Q `R with p` starts R with the value of P. `match { found => Q }`: Q if the outcome is `found`."
     Operator "#" "" "`P # Q`: both at the same time; the first to end stops the other."
     Operator ";;" "" "`P ;; Q`: P, then Q, then again."
     Operator "::" "" "`P ::[n] Q`: each time P is done, a Q starts, and P begins again; at most n copies of Q run at once."

@@ -228,6 +228,7 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         | Expression::Asynchronous { .. }
         | Expression::Tagged { .. }
         | Expression::With { .. }
+        | Expression::Named { .. }
         | Expression::Repeat { .. }
         | Expression::Catch { .. }
         | Expression::Chart(_) => {

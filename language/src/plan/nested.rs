@@ -112,6 +112,7 @@ mod tests {
             Expression::Repeat { .. } => 21,
             Expression::Catch { .. } => 22,
             Expression::AtLeast { .. } => 23,
+            Expression::Named { .. } => 24,
         }
     }
 
@@ -139,10 +140,11 @@ mod tests {
             Expression::Finally(skip(), skip()),
             Expression::Tagged { tag: String::new(), of: skip() },
             Expression::Chart(Box::default()),
-            Expression::With { given: Given { text: String::new(), value: Value::EMPTY }, of: skip() },
+            Expression::With { given: Given::Known { text: String::new(), value: Value::EMPTY }, of: skip() },
             Expression::Repeat { until: Vec::new(), of: skip() },
             Expression::Catch { of: skip(), arms: Vec::new() },
             Expression::AtLeast { count: 1, of: Vec::new() },
+            Expression::Named { name: String::new(), of: skip() },
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

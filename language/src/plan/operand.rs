@@ -11,11 +11,16 @@ pub const GIVEN_MAX: usize = 64 * 1024;
 
 /// A value that a spec gives to a process for its start.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Given {
-    /// The value as a spec spells it, in SI units.
-    pub text: String,
-    /// The value for `Init` of the process.
-    pub value: Value,
+pub enum Given {
+    /// The spec has the value.
+    Known {
+        /// The value as a spec spells it, in SI units.
+        text: String,
+        /// The value for `Init` of the process.
+        value: Value,
+    },
+    /// The value that an [`Expression::Named`] around it keeps under this name.
+    Result(String),
 }
 
 /// One way on in a `match`.
@@ -36,10 +41,22 @@ pub struct CatchArm {
     pub body: Expression,
 }
 
+impl std::fmt::Display for Given {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Known { text, .. } => out.write_str(text),
+            Self::Result(name) => out.write_str(name),
+        }
+    }
+}
+
 impl Given {
     /// Whether it is small enough.
     pub(super) fn check(&self) -> Result<(), PlanError> {
-        let count = self.text.len().max(self.value.bytes().len());
+        let count = match self {
+            Self::Known { text, value } => text.len().max(value.bytes().len()),
+            Self::Result(name) => name.len(),
+        };
         match count <= GIVEN_MAX {
             true => Ok(()),
             false => Err(PlanError::TooLarge { what: "bytes in one value", count, limit: GIVEN_MAX }),

@@ -1,11 +1,12 @@
 //! Checks the invariants of a plan. Plans also arrive over a network.
 
 use super::{
-    Arm, CatchArm, DEPTH_MAX, Expression, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX, Transfer,
+    Arm, CatchArm, DEPTH_MAX, Expression, Given, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX, Transfer,
 };
 use crate::algebra::TAG_MAX;
 use crate::automaton::Failure;
 use std::collections::BTreeSet;
+use std::rc::Rc;
 
 /// The invariant that a plan breaks, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -32,6 +33,14 @@ pub enum PlanError {
         what: &'static str,
         /// The index.
         index: u32,
+    },
+    /// A process starts with a result that has no name around it.
+    #[error("`{group}` starts a process with `{name}`, but no result has this name there")]
+    Result {
+        /// Path of the group.
+        group: String,
+        /// The name.
+        name: String,
     },
     /// A name occurs twice where it has to be unique, or is empty.
     #[error("{what} `{name}` is empty or not unique")]
@@ -272,8 +281,8 @@ impl Plan {
 
 /// Walks without recursion: the depth of a received plan is not known.
 fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
-    let mut waiting = vec![(root, 1)];
-    while let Some((expression, depth)) = waiting.pop() {
+    let mut waiting = vec![(root, 1, Rc::new(Vec::new()))];
+    while let Some((expression, depth, mut names)) = waiting.pop() {
         if depth > DEPTH_MAX {
             return Err(PlanError::ExpressionTooDeep { group: group.path.clone() });
         }
@@ -282,7 +291,22 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
             return Err(PlanError::Chart { group: group.path.clone(), why });
         }
         check_operator(group, expression)?;
-        waiting.extend(expression.operands().into_iter().map(|operand| (operand, depth + 1)));
+        check_names(group, expression, &mut names)?;
+        waiting.extend(expression.operands().into_iter().map(|operand| (operand, depth + 1, Rc::clone(&names))));
+    }
+    Ok(())
+}
+
+/// Checks that a `with` uses a result that has a name around it, and that no two of these results have the same name.
+fn check_names<'e>(group: &Group, expression: &'e Expression, names: &mut Rc<Vec<&'e str>>) -> Result<(), PlanError> {
+    if let Expression::Named { name, .. } = expression {
+        unique("result", names.iter().copied().chain([name.as_str()]))?;
+        *names = Rc::new(names.iter().copied().chain([name.as_str()]).collect());
+    }
+    if let Expression::With { given: Given::Result(name), .. } = expression
+        && !names.contains(&name.as_str())
+    {
+        return Err(PlanError::Result { group: group.path.clone(), name: name.clone() });
     }
     Ok(())
 }
@@ -318,6 +342,7 @@ fn check_operator(group: &Group, expression: &Expression) -> Result<(), PlanErro
         | Expression::Recurrent(..)
         | Expression::Otherwise(..)
         | Expression::Finally(..)
+        | Expression::Named { .. }
         | Expression::Shield { .. } => Ok(()),
     }
 }
@@ -364,11 +389,14 @@ fn in_range(index: u32, length: usize, what: &'static str, place: &str) -> Resul
     }
 }
 
-fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a String>) -> Result<(), PlanError> {
+fn unique<'a, N: AsRef<str> + ?Sized + 'a>(
+    what: &'static str,
+    names: impl Iterator<Item = &'a N>,
+) -> Result<(), PlanError> {
     let mut seen = BTreeSet::new();
-    for name in names {
+    for name in names.map(AsRef::as_ref) {
         if name.is_empty() || !seen.insert(name) {
-            return Err(PlanError::Name { what, name: name.clone() });
+            return Err(PlanError::Name { what, name: name.to_owned() });
         }
     }
     Ok(())
@@ -414,6 +442,17 @@ mod tests {
         check(|plan| plan.groups.clear(), "the plan has no groups");
         check(|plan| plan.hosts.push("c1".to_owned()), "host `c1` is empty or not unique");
         check(|plan| plan.leaves[1].path.clear(), "path `` is empty or not unique");
+        let named = |name: &str, of| Expression::Named { name: name.to_owned(), of: Box::new(of) };
+        let with =
+            |name: &str| Expression::With { given: Given::Result(name.to_owned()), of: Box::new(Expression::Skip) };
+        check(
+            |plan| plan.groups[0].expression = Expression::Sequence(named("p", with("p")).into(), with("p").into()),
+            "`main` starts a process with `p`, but no result has this name there",
+        );
+        check(
+            |plan| plan.groups[0].expression = named("p", named("p", Expression::Skip)),
+            "result `p` is empty or not unique",
+        );
         let first = std::time::Duration::ZERO;
         check(
             |plan| plan.leaves[0].policy.backoff = Some(Backoff { first, longest: first }),

@@ -191,6 +191,7 @@ kinds! {
         Shield "`shield`"
         Using "`using`"
         Match "`match`"
+        Named "`name =>`"
         Suffixed "a suffix"
         Paren "parentheses"
         Run "a process"

@@ -188,7 +188,8 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Using { resources, of } => format!("using({}) {}", resources.join(", "), expression(of, name)),
         Expression::Finally(first, second) => two(first, "finally", second),
         Expression::Tagged { tag, of } => format!("{} as {tag}", expression(of, name)),
-        Expression::With { given, of } => format!("{} with {}", expression(of, name), given.text),
+        Expression::With { given, of } => format!("{} with {}", expression(of, name), given),
+        Expression::Named { name: result, of } => format!("{result} => {}", expression(of, name)),
         Expression::Repeat { until, of } => format!("repeat {} until {}", expression(of, name), until.join(" | ")),
         Expression::Catch { of, arms } => {
             let word = |arm: &CatchArm| arm.failure.as_ref().map_or_else(|| "else".to_owned(), Failure::to_string);

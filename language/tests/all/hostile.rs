@@ -259,9 +259,20 @@ fn words_of_the_language_are_good_names() {
              internal_event_actions{{ using({word}) a : match {{ {word} => skip }} }} }}
              module A(host: Host) {{ done({word}); }}"
         );
+        let result = format!(
+            "process main(){{ host{{c1}} instantiated_processes{{ a instof A(c1); b instof B(c1); }}
+             internal_event_actions{{ a : {word} => (b with {word} ; b with {word}) ; a : match {{ t {word} => b with {word} }} }} }}
+             module A(host: Host) {{ done(t: Number); }} module B(host: Host) {{ init it; done; }}"
+        );
         // `host` is the first argument of every module; truth values and the names of types are reserved.
-        let texts =
-            [("instance", instance), ("port", port), ("type", kind), ("parameter", param), ("outcome", outcome)];
+        let texts = [
+            ("instance", instance),
+            ("port", port),
+            ("type", kind),
+            ("parameter", param),
+            ("outcome", outcome),
+            ("result", result),
+        ];
         for (what, text) in texts {
             let source = Source::new("words.dca", &*text);
             let compiled = run(&text, &[]);
@@ -281,6 +292,7 @@ fn words_of_the_language_are_good_names() {
         [
             "type main: error[E0102]: `main` contains itself: main -> main",
             "parameter true: error[E0213]: `true` has to be a Number",
+            "result true: error[E0430]: `true` has another meaning here already",
         ]
     );
 }
@@ -312,7 +324,20 @@ fn very_many_of_everything_are_told_soon() {
     let many = |count: usize, piece: &dyn Fn(usize) -> String| -> String { (0..count).map(piece).collect() };
     let params = many(10_000, &|n| format!("p{n}, "));
     let args = many(10_000, &|n| format!("p{n} = {n}, "));
+    let nested = |count: usize, actions: &str| {
+        let group = |n: usize| {
+            let inner = n + 1;
+            format!(
+                "process G{n}() {{ instantiated_processes {{ g instof G{inner}(); }} internal_event_actions {{ {actions} }} }}\n"
+            )
+        };
+        many(count, &group)
+            + &format!("process G{count}() {{ internal_event_actions {{ skip }} }} process main() {{ host{{c1}} ")
+            + "instantiated_processes { g instof G0(); } internal_event_actions { g : p => g with p } }"
+    };
     let texts = [
+        nested(40, "p => ((g with p else g with p) : q => (g with q ; g with q))"),
+        nested(10_000, "p => (g with p)"),
         many(10_000, &|n| {
             format!(
                 "process G{n}() {{ instantiated_processes {{ g instof G{}(); }} internal_event_actions {{ g }} }}\n",

@@ -154,6 +154,23 @@ fn a_repeat_ends_with_outcomes() {
 }
 
 #[test]
+fn a_result_has_a_name_in_one_operand() {
+    let with = |actions: &str| OUTCOMES.replace("using(table) (find : match { $1 })", actions);
+    completes(&with("find : p => find with $0"), "p");
+    completes(&with("find : p => (find : match { found q => find with $0 })"), "q p");
+    completes(&with("find : (p => find) ; find with $0"), "");
+    is_defined(&with("find : p => (find ; find with p$0)"), "door.dca:5 p");
+    is_told(&with("find : p => find with p$0"), &["name of a result"]);
+    renames(&with("find : p => (find with p$0 ; find with p)"), "to", "p -> to, p -> to, p -> to");
+    renames(&with("find : match { found p$0 => find with p }"), "q", "p -> q, p -> q");
+    renames(
+        &with("find : p$0 => (find : q => find with p)"),
+        "q",
+        "with `q` some name in door.dca would mean something else",
+    );
+}
+
+#[test]
 fn an_arm_behind_else_names_a_cause() {
     let with = |actions: &str| OUTCOMES.replace("using(table) (find : match { $1 })", actions);
     completes(

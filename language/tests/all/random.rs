@@ -182,6 +182,10 @@ impl Writer {
                     self.put(places);
                 }
             }
+            if self.random.one_in(9) {
+                let result = self.random.pick(&["p =>", "p => q =>"]);
+                self.put(result);
+            }
             self.operand(depth);
         }
     }
@@ -243,6 +247,7 @@ impl Writer {
                 "with shelf",
                 "with { x = 2 m , way = [ 1 , - 2 ] } within 5 s as there",
                 "with 5 m / s ?",
+                "with p",
             ]);
             self.put(suffix);
         }
@@ -251,7 +256,8 @@ impl Writer {
     fn arms(&mut self, depth: usize) {
         self.put("match {");
         for tag in ["found", "missing", "else"] {
-            self.put(&format!("{tag} =>"));
+            let value = self.random.pick(&["", "", "p"]);
+            self.put(&format!("{tag} {value} =>"));
             if depth == 0 {
                 self.leaf();
             } else {

@@ -20,7 +20,7 @@ fn program(actions: &str) -> (Program, Vec<String>) {
         "const d = 5 s;
          module A(host: Host) {{ init on: Truth; done; }}
          module B(host: Host) {{ service; }}
-         module C(host: Host) {{ done(t | u); }}
+         module C(host: Host) {{ done(t: Truth | u); }}
          process main(){{
              host{{c1}}
              resource arm, table;

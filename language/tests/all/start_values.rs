@@ -1,6 +1,6 @@
 //! The values that a spec gives to processes for their start: their bytes, and the effect of a changed value on a running group.
 
-use language::algebra::{Command, Event, Program, State, Value, carry, step};
+use language::algebra::{Activation, Command, Event, Program, State, Value, carry, step};
 use language::plan::{Expression, Plan, difference};
 use language::{Options, Source, compile};
 use std::collections::BTreeSet;
@@ -90,7 +90,7 @@ fn a_changed_value_is_a_change_and_another_spelling_is_none() {
     assert_eq!(changes("go with shelf ; turn"), 1);
     let Expression::Sequence(first, _) = &running.groups[0].expression else { panic!("a sequence") };
     let Expression::With { given, .. } = &**first else { panic!("a start value") };
-    assert!(given.text.starts_with("{ x = 2, y = 0.5, yaw = 1.57"), "{}", given.text);
+    assert!(given.to_string().starts_with("{ x = 2, y = 0.5, yaw = 1.57"), "{given}");
 }
 
 /// A process that runs has started with its value: only values of later starts change.
@@ -106,4 +106,28 @@ fn a_running_process_keeps_the_value_that_it_started_with() {
     assert_eq!(carried("go with shelf ; turn with 10 deg"), Ok(()));
     assert_eq!(carried("go with { x = 1 m, y = 1 m } ; turn with 90 deg"), Err("it was started with another value"));
     assert!(carried("go ; turn with 90 deg").is_err());
+}
+
+/// A running operand keeps the value that has a name, also under another name, and later starts may use it.
+#[test]
+fn a_change_keeps_a_value_that_has_a_name() {
+    let old = Program::compile(&plan("lamp : p => (go with p ; turn)").groups[0]);
+    let mut state = State::new(&old);
+    let done = |member: u32, value: &[u8]| Event::Done { member, activation: Activation(1), value: Value::new(value) };
+    step(&old, &mut state, Event::Start(Value::EMPTY), &mut Vec::new());
+    step(&old, &mut state, done(4, b"there"), &mut Vec::new());
+    let carried = |actions: &str| {
+        let next = Program::compile(&plan(actions).groups[0]);
+        carry((&old, &state), &next, &BTreeSet::new()).map(|carried| (next, carried.state)).map_err(|misfit| misfit.why)
+    };
+    let (next, mut state) = carried("lamp : q => (go with q ; any_value with q ; turn)").expect("it fits");
+    let mut commands = Vec::new();
+    step(&next, &mut state, done(0, b""), &mut commands);
+    let there = Command::Activate { member: 5, activation: Activation(1), value: Value::new(b"there") };
+    assert!(commands.contains(&there), "{commands:?}");
+    assert_eq!(
+        carried("lamp : p => (go with shelf ; any_value with p)").err(),
+        Some("it was started with another value")
+    );
+    assert!(carried("lamp : (go ; turn)").is_err());
 }

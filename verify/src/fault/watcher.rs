@@ -102,6 +102,7 @@ fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
         | Expression::Using { .. }
         | Expression::Tagged { .. }
         | Expression::With { .. }
+        | Expression::Named { .. }
         | Expression::Repeat { .. }
         | Expression::Catch { .. } => any(),
     }

@@ -195,6 +195,7 @@ impl Walk<'_, '_, '_> {
             | Expression::Using { .. }
             | Expression::Tagged { .. }
             | Expression::With { .. }
+            | Expression::Named { .. }
             | Expression::Repeat { .. } => {
                 expression.operands().into_iter().for_each(|operand| self.at(operand, left));
             }
@@ -248,9 +249,10 @@ impl Walk<'_, '_, '_> {
             }
             Expression::Otherwise(one, other) => Some(self.failed(one)?.saturating_add(self.failed(other)?)),
             Expression::Disable(of) => sooner(of.iter().map(|operand| self.failed(operand)).collect()),
-            Expression::Tagged { of, .. } | Expression::With { of, .. } | Expression::Repeat { of, .. } => {
-                self.failed(of)
-            }
+            Expression::Tagged { of, .. }
+            | Expression::With { of, .. }
+            | Expression::Named { of, .. }
+            | Expression::Repeat { of, .. } => self.failed(of),
             Expression::Run { .. }
             | Expression::Chart(_)
             | Expression::Fail(_)

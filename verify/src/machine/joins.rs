@@ -307,6 +307,7 @@ fn is_service(expression: &Expression, group: &Group) -> bool {
         | Expression::Using { of, .. }
         | Expression::Tagged { of, .. }
         | Expression::With { of, .. }
+        | Expression::Named { of, .. }
         | Expression::Repeat { of, .. } => is(of),
     }
 }

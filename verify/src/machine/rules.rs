@@ -51,6 +51,7 @@ impl Writer<'_> {
             Expression::Using { resources, of } => self.using(node, resources, of),
             Expression::Tagged { tag, of } => self.tagged(node, tag, of),
             Expression::With { given, of } => self.given(node, given, of),
+            Expression::Named { name, of } => self.named(node, name, of),
             Expression::Repeat { until, of } => self.repeat(node, until, of),
             Expression::Concurrent(of) => self.concurrent(node, of),
             Expression::FailFast(of) => self.fail_fast(node, of),
@@ -236,9 +237,28 @@ impl Writer<'_> {
     /// Here a value has a tag only if it begins with the bytes of a tag.
     fn given(&mut self, node: Node, given: &Given, of: &Expression) {
         let inner = self.write(of, Some((node, 0)));
-        let tag = given.value.tag().map_or(0, |tag| self.tag(tag));
-        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Number(tag))].concat());
+        let value = match given {
+            Given::Known { value, .. } => Term::Number(value.tag().map_or(0, |tag| self.tag(tag))),
+            Given::Result(name) => {
+                let kept = self.current.kept.iter().find(|(known, _)| known == name);
+                kept.map_or(Term::Number(0), |(_, kept)| Term::Of(*kept))
+            }
+        };
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, value)].concat());
         self.passes_on(node, &[]);
+        self.rule(node, STOP, &[], self.stop(inner));
+    }
+
+    fn named(&mut self, node: Node, name: &str, of: &Expression) {
+        let kept = self.own(node, "kept", self.tags.len());
+        self.current.kept.push((name.to_owned(), kept));
+        let inner = self.write(of, Some((node, 0)));
+        self.current.kept.pop();
+        let keeps = vec![self.enter(node, 1), (kept, Term::Of(self.control.value))];
+        self.rule(node, START, &[], [keeps, self.start(inner, Term::Number(0))].concat());
+        self.rule(node, REPORT, &[Test::Is(self.control.result, RUNS)], self.passes(node));
+        let ends = [vec![self.enter(node, IDLE), (kept, Term::Number(0))], self.passes(node)].concat();
+        self.rule(node, REPORT, &[Test::Not(self.control.result, RUNS)], ends);
         self.rule(node, STOP, &[], self.stop(inner));
     }
 

@@ -114,6 +114,8 @@ pub(super) struct Current {
     pub(super) uses: Vec<Use>,
     /// Whether each of its resources is taken.
     pub(super) held: Vec<(String, Var)>,
+    /// The names of results around the node that is being written, each with the variable of its value.
+    pub(super) kept: Vec<(String, Var)>,
 }
 
 /// The shared control, and the rules written so far.

@@ -55,17 +55,21 @@ fn exports_of_more_specs_have_the_state_space_of_the_explorer() {
 fn compare_exports(seeds: Range<u64>) {
     let asked = usize::try_from(seeds.end - seeds.start).expect("few");
     let random = seeds.map(|seed| (format!("random {seed}"), specs::random(seed)));
-    let (mut same, mut states, mut differences) = (0, 0, Vec::new());
+    let (mut same, mut named, mut states, mut differences) = (0, 0, 0, Vec::new());
     for (name, text) in random.chain(specs::files()) {
         let Some(planned) = specs::planned("spec", &text) else { continue };
         match compare(&planned) {
-            Ok(Some(of_spec)) => (same, states) = (same + 1, states + of_spec),
+            Ok(Some(of_spec)) => {
+                (same, states) = (same + 1, states + of_spec);
+                named += usize::from(text.contains(" with p0"));
+            }
             Ok(None) => {}
             Err(how) => differences.push(format!("{name}: {how}\n{text}")),
         }
     }
     assert!(differences.is_empty(), "{} differences beside {same}:\n{}", differences.len(), differences.join("\n"));
     assert!(same * 2 >= asked, "only {same} specs were compared, of {states} states");
+    assert!(named * 100 >= asked, "only {named} specs with a name for a result were compared");
 }
 
 #[test]

@@ -18,7 +18,7 @@ mod operands;
 
 use super::{Cell, Phase, Reaction};
 use crate::algebra::event::{Activation, Command, Outcome, Value};
-use crate::algebra::program::{Kind, Program};
+use crate::algebra::program::{Kind, Program, Start};
 use crate::algebra::state::{MemberState, State};
 use crate::automaton::Configuration;
 use alike::{Compared, count, failures, is_alike, sets, tags, taken};
@@ -221,7 +221,9 @@ impl Carrying<'_> {
                 self.place_operands(o, n, is_calm)
             }
             (Kind::Tagged(tag), Kind::Tagged(other)) if tag == other => self.place_operands(o, n, is_calm),
-            (Kind::With(value), Kind::With(other)) if value == other => self.place_operands(o, n, is_calm),
+            (Kind::With(start), Kind::With(other)) if self.is_same_start(start, other) => {
+                self.place_operands(o, n, is_calm)
+            }
             (Kind::With(_), Kind::With(_)) => Err(self.misfit(o, "it was started with another value")),
             (Kind::Match { .. }, Kind::Match { .. }) => self.place_arm(o, n, is_calm),
             (Kind::Catch { .. }, Kind::Catch { .. }) => self.place_catch(o, n, is_calm),
@@ -238,8 +240,20 @@ impl Carrying<'_> {
             // Its next end is compared with the new outcomes.
             (Kind::Repeat { .. }, Kind::Repeat { .. })
             | (Kind::Recurrent, Kind::Recurrent)
+            | (Kind::Named(_), Kind::Named(_))
             | (Kind::Finally, Kind::Finally) => self.place_operands(o, n, is_calm),
             _ => Err(self.misfit(o, "the new event actions have another expression in its place")),
+        }
+    }
+
+    /// Returns whether two `with` start their operands with the same value. The name of the value does not matter.
+    fn is_same_start(&self, old: &Start, new: &Start) -> bool {
+        match (old, new) {
+            (Start::Known(value), Start::Known(other)) => value == other,
+            (Start::Kept { keeper, .. }, Start::Kept { keeper: other, .. }) => {
+                self.draft.nodes.get(keeper) == Some(other)
+            }
+            (Start::Known(_), Start::Kept { .. }) | (Start::Kept { .. }, Start::Known(_)) => false,
         }
     }
 

@@ -53,6 +53,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             (_, Phase::Waiting) => self.stop_waiting(node),
             (_, Phase::Stopping) => None,
             (Kind::Asynchronous, Phase::Draining) => self.stop_pool(node),
+            (Kind::Named(_), Phase::Draining) => None,
             (_, Phase::Draining) => self.stop_drain(node),
             (Kind::Run { member, .. }, _) => self.stop_leaf(node, *member),
             (Kind::Wait { timer, .. }, _) => self.stop_wait(node, *timer),
@@ -62,6 +63,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             (Kind::Finally, _) => self.stop_finally(node),
             (Kind::Chart, _) => self.stop_chart(node),
             (Kind::Catch { .. }, Phase::Second) => self.stop_match(node),
+            (Kind::Named(_), _) => self.stop_named(node),
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
             (Kind::Match { .. }, Phase::Running) => self.stop_match(node),
             (
@@ -114,6 +116,19 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
         match outcome {
             Some(_) => self.clear(node),
             None => self.enter(node, Phase::Stopping),
+        }
+        outcome
+    }
+
+    /// stop(p => C) = p => stop(C). The value is kept, because a `finally` inside may still use it.
+    fn stop_named(&mut self, node: usize) -> Option<Outcome> {
+        let outcome = self.stop(self.program.first(node));
+        match outcome {
+            Some(_) => self.clear(node),
+            None => {
+                let cell = self.cell(node);
+                (cell.phase, cell.open) = (Phase::Draining, 1);
+            }
         }
         outcome
     }

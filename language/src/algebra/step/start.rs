@@ -2,7 +2,7 @@
 
 use super::{Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Activation, Cause, Command, Outcome, Reason, Value};
-use crate::algebra::program::Kind;
+use crate::algebra::program::{Kind, Start};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
@@ -33,7 +33,8 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Finally => self.s_finally(node, value),
             Kind::Tagged(_) => self.s_tagged(node, value),
             Kind::Chart => self.s_chart(node, value),
-            Kind::With(given) => self.s_with(node, given.clone()),
+            Kind::With(start) => self.s_with(node, start),
+            Kind::Named(_) => self.s_named(node, value),
             Kind::Repeat { .. } => self.s_repeat(node, value),
             Kind::Catch { .. } => self.s_catch(node, value),
         }
@@ -111,8 +112,28 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     }
 
     /// [s-with]
-    fn s_with(&mut self, node: usize, given: Value) -> Option<Outcome> {
+    fn s_with(&mut self, node: usize, start: &Start) -> Option<Outcome> {
+        let given = match start {
+            Start::Known(value) => value.clone(),
+            Start::Kept { keeper, .. } => self.kept(*keeper),
+        };
         let outcome = self.start_first(node, given)?;
+        self.pass(node, outcome)
+    }
+
+    /// Returns the value that a node keeps under a name.
+    fn kept(&mut self, keeper: usize) -> Value {
+        match &self.cell(keeper).outcome {
+            Some(Outcome::Done(value)) => value.clone(),
+            Some(Outcome::Aborted(_) | Outcome::Stopped) | None => Value::EMPTY,
+        }
+    }
+
+    /// [s-named]
+    fn s_named(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let cell = self.cell(node);
+        (cell.phase, cell.outcome) = (Phase::Second, Some(Outcome::Done(value)));
+        let outcome = self.start(self.program.first(node), Value::EMPTY)?;
         self.pass(node, outcome)
     }
 

@@ -257,7 +257,7 @@ impl ActivityReader<'_, '_> {
 
     /// Reports an unknown name, with a similar name.
     pub(super) fn report_unknown(&mut self, name: &Name, what: &str) {
-        let known: Vec<String> = self.group.variables.keys().chain(self.values.keys()).cloned().collect();
+        let known: Vec<String> = self.group.kept.variables.keys().chain(self.values.keys()).cloned().collect();
         let message = format!("`{}` is not {what} of this activity", name.text);
         let diagnostic = Diagnostic::new(Code::E0903, name.span, message);
         let near = self.group.diagnostics().near(&name.text, known.iter().map(String::as_str));

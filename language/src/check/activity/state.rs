@@ -257,6 +257,7 @@ fn take_kept(expr: &mut Expr) -> Option<usize> {
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part) => take_kept(part),
         ExprKind::With(..)
+        | ExprKind::Named(..)
         | ExprKind::Run(..)
         | ExprKind::Concurrent(_)
         | ExprKind::FailFast(_)

@@ -55,7 +55,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let mut group = expression::Group {
         names,
         scope: Scope { params: &params, ..scope },
-        variables: BTreeMap::new(),
+        kept: expression::Kept::default(),
         indices: Vec::new(),
         sets: &sets,
         owned: expression::OwnedSets::of_all(&sets),

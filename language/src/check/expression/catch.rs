@@ -49,6 +49,13 @@ fn one(mut parts: Vec<Expr>, around: Span) -> Expr {
 fn arms(node: &Node, group: &mut Group<'_>) -> Vec<CatchArm> {
     let mut arms: Vec<CatchArm> = Vec::new();
     for part in node.children_of(SyntaxKind::Arm) {
+        let mut names = part.names();
+        let value = if part.token(Text).is_some() { names.next() } else { names.nth(1) };
+        if let Some(value) = value {
+            let found = Diagnostic::new(Code::E0001, value.span, format!("expected `=>`, found `{}`", value.text));
+            group.diagnostics().push(found.help("a failure has no value, so no name can stand for it"));
+            continue;
+        }
         let Some(body) = part.children().next().map(|body| expression(&body, group)) else { continue };
         let Some(span) = part.tokens().next().map(|first| first.span()) else { continue };
         let failure = match part.names().next().filter(|_| part.token(Text).is_none()) {

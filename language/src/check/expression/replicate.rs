@@ -1,6 +1,6 @@
 //! Expands `all i in 0..4 (p[i])`, `race`, `each` and pools, and resolves `p[2]`.
 
-use super::Group;
+use super::{Group, result};
 use crate::check::count::{self, CountValue, Expected, whole};
 use crate::check::index;
 use crate::check::spec::{Expr, ExprKind};
@@ -18,6 +18,7 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     // Without `..`, the text is damaged, which is already reported.
     node.token(DotDot)?;
     let (start, end) = range(node, group)?;
+    result::report_index(variable, group);
     let mut copies: Vec<Expr> = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
     let mut rounds = group.diagnostics().rounds();

@@ -1,6 +1,6 @@
 //! Checks `shield`, `using`, `repeat` and `match`.
 
-use super::{Group, expression, parts};
+use super::{Group, expression, parts, result};
 use crate::check::names::twice;
 use crate::check::spec::{Arm, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
@@ -84,8 +84,13 @@ pub(super) fn matching(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
             report_text(&text, group);
             continue;
         }
-        let Some(name) = part.names().next() else { continue };
-        let Some(body) = part.children().next().map(|body| expression(&body, group)) else { continue };
+        let mut names = part.names();
+        let (Some(name), value) = (names.next(), names.next()) else { continue };
+        let Some(body) = part.children().next() else { continue };
+        let body = match value {
+            Some(value) => result::kept(value, &body, group),
+            None => expression(&body, group),
+        };
         if let Some(&first) = known.get(&name.text) {
             group.diagnostics().push(twice("arm", &name.text, name.span, first));
             continue;

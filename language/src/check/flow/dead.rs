@@ -71,6 +71,7 @@ fn is_over_at_once(expr: &Expr) -> bool {
         | ExprKind::Finally(..)
         | ExprKind::Tagged(..)
         | ExprKind::With(..)
+        | ExprKind::Named(..)
         | ExprKind::Chart(_)
         | ExprKind::Broken => false,
     }

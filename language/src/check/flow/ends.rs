@@ -137,7 +137,8 @@ impl Members {
             | ExprKind::Shield(..)
             | ExprKind::Using(..)
             | ExprKind::Tagged(..)
-            | ExprKind::With(..) => parts[0],
+            | ExprKind::With(..)
+            | ExprKind::Named(..) => parts[0],
         }
     }
 }

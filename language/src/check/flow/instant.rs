@@ -112,6 +112,7 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
         | ExprKind::Shield(..)
         | ExprKind::Using(..)
         | ExprKind::Tagged(..)
-        | ExprKind::With(..) => InstantEnds { done: done(&parts) > 0, aborted: any_aborted },
+        | ExprKind::With(..)
+        | ExprKind::Named(..) => InstantEnds { done: done(&parts) > 0, aborted: any_aborted },
     }
 }

@@ -4,7 +4,7 @@
 use super::service;
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
-use crate::check::spec::{Arm, Expr, ExprKind, Outcome, Process, Spec, Target};
+use crate::check::spec::{Arm, Expr, ExprKind, Outcome, Process, Spec, StartValue, Target};
 use crate::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::source::Span;
 use crate::syntax::ast::Name;
@@ -51,7 +51,7 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     let mut known = vec![None; spec.processes.len()];
     for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(names_outcomes) {
         let Some(actions) = &process.actions else { continue };
-        let mut walk = Walk { spec, process, known: &mut known, chain: None, diagnostics };
+        let mut walk = Walk { spec, process, known: &mut known, results: Vec::new(), chain: None, diagnostics };
         // The start value of the group comes from the group around it, so it is unknown here.
         walk.visit(actions, &Ends::open());
     }
@@ -127,7 +127,8 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
-        | ExprKind::With(_, part) => rest(part),
+        | ExprKind::With(_, part)
+        | ExprKind::Named(_, part) => rest(part),
     }
 }
 
@@ -135,6 +136,8 @@ struct Walk<'a> {
     spec: &'a Spec,
     process: &'a Process,
     known: &'a mut Vec<Option<Ends>>,
+    /// The results that have names at this place, each with its possible outcomes.
+    results: Vec<(String, Ends)>,
     /// The begin of the chain `P : ...` whose operand is visited.
     chain: Option<Span>,
     diagnostics: &'a mut Diagnostics,
@@ -179,6 +182,16 @@ impl Walk<'_> {
             ExprKind::Catch(first, arms) => {
                 self.visit(first, start);
                 arms.iter().for_each(|arm| self.visit(&arm.body, &nothing));
+            }
+            ExprKind::Named(name, part) => {
+                self.results.push((name.text.clone(), start.clone()));
+                self.visit(part, &nothing);
+                self.results.pop();
+            }
+            ExprKind::With(StartValue::Result(name), part) => {
+                let result = self.results.iter().rev().find(|(known, _)| *known == name.text);
+                let result = result.map_or_else(Ends::open, |(_, ends)| ends.clone());
+                self.visit(part, &result);
             }
             ExprKind::Chart(model) => model.runs.iter().for_each(|(_, run)| self.visit(run, &Ends::open())),
             ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),

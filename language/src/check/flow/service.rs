@@ -59,7 +59,8 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part)
-        | ExprKind::With(_, part) => rest(part),
+        | ExprKind::With(_, part)
+        | ExprKind::Named(_, part) => rest(part),
         ExprKind::Match(arms) => arms.iter().all(|arm| rest(&arm.body)),
         ExprKind::Chart(model) => model.chart.is_service(),
     }
@@ -140,6 +141,7 @@ impl<'a> Order<'a> {
             | ExprKind::Finally(..)
             | ExprKind::Tagged(..)
             | ExprKind::With(..)
+            | ExprKind::Named(..)
             | ExprKind::Chart(_)
             | ExprKind::Broken => {}
         }

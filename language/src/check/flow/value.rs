@@ -92,7 +92,8 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Using(..)
-        | ExprKind::With(..) => all(expr.parts()),
+        | ExprKind::With(..)
+        | ExprKind::Named(..) => all(expr.parts()),
         ExprKind::Chart(model) => with_value(&model.outcomes),
         ExprKind::Tagged(..)
         | ExprKind::AnyOf(..)
@@ -137,6 +138,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         ExprKind::Run(..)
         | ExprKind::Chart(_)
         | ExprKind::With(..)
+        | ExprKind::Named(..)
         | ExprKind::Never
         | ExprKind::Fail(_)
         | ExprKind::Concurrent(_)
@@ -160,7 +162,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
 /// Returns whether an expression starts a process with its own start value.
 fn starts(expr: &Expr) -> bool {
     match &expr.kind {
-        ExprKind::Run(..) => true,
+        ExprKind::Run(..) | ExprKind::Named(..) => true,
         ExprKind::Sequence(parts) | ExprKind::Otherwise(parts) => parts.first().is_some_and(starts),
         ExprKind::Catch(first, _) => starts(first),
         ExprKind::Concurrent(_)

@@ -81,6 +81,7 @@ fn lower(expr: &Expr, lowering: Lowering<'_>) -> Expression {
             Some(given) => Expression::With { given, of: Box::new(rest(part)) },
             None => rest(part),
         },
+        ExprKind::Named(name, part) => Expression::Named { name: name.text.clone(), of: Box::new(rest(part)) },
         ExprKind::Chart(model) => {
             let run = |(state, run): &(usize, Expr)| StateRun { state: index(*state), expression: rest(run) };
             let runs = model.runs.iter().map(run).collect();

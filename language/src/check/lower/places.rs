@@ -58,6 +58,7 @@ fn placed(expr: &Expr) -> Placed {
         | ExprKind::Finally(..)
         | ExprKind::Tagged(..)
         | ExprKind::With(..)
+        | ExprKind::Named(..)
         | ExprKind::Chart(_)
         | ExprKind::Broken => node(parts()),
     }

@@ -32,7 +32,11 @@ impl<'a> Starts<'a> {
     /// Returns the value that an expression is started with. A value that does not fit is reported, and the result is
     /// none.
     pub(super) fn given(&self, start: &StartValue, part: &Expr) -> Option<Given> {
-        let StartValue::Known(value) = start else { return None };
+        let value = match start {
+            StartValue::Known(value) => value,
+            StartValue::Result(name) => return Some(Given::Result(name.text.clone())),
+            StartValue::Kept(..) => return None,
+        };
         let takers = takers(self.spec, self.process, part);
         let declared = declared(&takers);
         let param = declared.first().map(|(_, param)| *param);
@@ -51,7 +55,7 @@ impl<'a> Starts<'a> {
         };
         let mut writer = Writer { spec: self.spec, bytes: Vec::new(), text: String::new() };
         writer.value(param.and_then(|param| param.kind.as_ref()), &given)?;
-        Some(Given { text: writer.text, value: Value::new(&writer.bytes) })
+        Some(Given::Known { text: writer.text, value: Value::new(&writer.bytes) })
     }
 }
 

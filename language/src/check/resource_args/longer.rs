@@ -103,6 +103,7 @@ fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
         | ExprKind::Shield(..)
         | ExprKind::Tagged(..)
         | ExprKind::With(..)
+        | ExprKind::Named(..)
         | ExprKind::Chart(_)
         | ExprKind::Match(_) => expr.parts().into_iter().all(|part| throughout(part, holds, resource)),
     }

@@ -49,6 +49,8 @@ pub(crate) enum ExprKind {
     Tagged(Name, Box<Expr>),
     /// The start value.
     With(StartValue, Box<Expr>),
+    /// A name for the start value. The operand starts with nothing.
+    Named(Name, Box<Expr>),
     /// The states of an activity.
     Chart(Box<ChartModel>),
     /// A text that could not be read or resolved, which is already reported.
@@ -62,6 +64,8 @@ pub(crate) enum StartValue {
     Known(Value),
     /// The content of an opaque variable of the activity: its number, and its name.
     Kept(usize, Name),
+    /// The value to which an [`ExprKind::Named`] around it gives this name.
+    Result(Name),
 }
 
 /// The states of an activity, with their runs.
@@ -158,6 +162,7 @@ impl Expr {
             | ExprKind::Finally(..)
             | ExprKind::Tagged(..)
             | ExprKind::With(..)
+            | ExprKind::Named(..)
             | ExprKind::Broken => false,
         }
     }
@@ -199,6 +204,7 @@ impl Expr {
             | ExprKind::Tagged(_, part) => vec![part],
             ExprKind::Run(..)
             | ExprKind::With(..)
+            | ExprKind::Named(..)
             | ExprKind::Match(_)
             | ExprKind::Chart(_)
             | ExprKind::Skip
@@ -227,7 +233,8 @@ impl Expr {
             | ExprKind::Shield(_, part)
             | ExprKind::Using(_, part)
             | ExprKind::Tagged(_, part)
-            | ExprKind::With(_, part) => vec![part],
+            | ExprKind::With(_, part)
+            | ExprKind::Named(_, part) => vec![part],
             ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
             ExprKind::Catch(first, arms) => std::iter::once(&**first).chain(arms.iter().map(|arm| &arm.body)).collect(),
             ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),

@@ -6,7 +6,9 @@ use crate::check::names::listed;
 use crate::check::spec::{Expr, ExprKind, Kind, Module, Param, Process, Shape, Spec, StartValue, Target, Value};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
+use crate::syntax::ast::Name;
 use crate::unit;
+use std::collections::BTreeSet;
 
 /// Compares each start value with the interfaces of the programs that get it. At this point, no group contains itself.
 pub(in crate::check) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
@@ -29,17 +31,52 @@ pub(in crate::check) enum Taker<'a> {
 
 /// Returns the programs that get the start value of an expression.
 pub(in crate::check) fn takers<'a>(spec: &'a Spec, process: &'a Process, expr: &'a Expr) -> Vec<Taker<'a>> {
-    let ExprKind::Run(slot, _) = &expr.kind else {
-        return expr.first_parts().into_iter().flat_map(|part| takers(spec, process, part)).collect();
-    };
-    match process.instances[*slot].target {
-        Target::Module(module) => vec![Taker::Module(&spec.modules[module])],
-        Target::Process(inner) => {
-            let inner = &spec.processes[inner];
-            inner.actions.as_ref().map(|actions| takers(spec, inner, actions)).unwrap_or_default()
+    let mut all = Takers { spec, found: Vec::new(), seen: BTreeSet::new() };
+    all.collect(process, expr);
+    all.found
+}
+
+/// The programs that get a start value, so far.
+struct Takers<'a> {
+    spec: &'a Spec,
+    found: Vec<Taker<'a>>,
+    /// The visited instances, each by the place of its declaration. Otherwise, a group that uses a result twice would
+    /// double the visits of all groups in it.
+    seen: BTreeSet<Span>,
+}
+
+impl<'a> Takers<'a> {
+    fn collect(&mut self, process: &'a Process, expr: &'a Expr) {
+        if let ExprKind::Named(name, part) = &expr.kind {
+            let mut uses = Vec::new();
+            uses_of(name, part, &mut uses);
+            return uses.into_iter().for_each(|part| self.collect(process, part));
         }
-        Target::Unknown => vec![Taker::Unknown],
+        let ExprKind::Run(slot, _) = &expr.kind else {
+            return expr.first_parts().into_iter().for_each(|part| self.collect(process, part));
+        };
+        let instance = &process.instances[*slot];
+        match instance.target {
+            Target::Module(module) => self.found.push(Taker::Module(&self.spec.modules[module])),
+            Target::Process(inner) => {
+                let inner = &self.spec.processes[inner];
+                if let (Some(actions), true) = (&inner.actions, self.seen.insert(instance.name.span)) {
+                    self.collect(inner, actions);
+                }
+            }
+            Target::Unknown => self.found.push(Taker::Unknown),
+        }
     }
+}
+
+/// Collects in `uses` the expressions in `expr` that start with the result of this name.
+fn uses_of<'a>(name: &Name, expr: &'a Expr, uses: &mut Vec<&'a Expr>) {
+    if let ExprKind::With(StartValue::Result(used), part) = &expr.kind
+        && used.text == name.text
+    {
+        uses.push(part);
+    }
+    expr.parts().into_iter().for_each(|part| uses_of(name, part, uses));
 }
 
 /// Returns the start values that these programs declare, each with its module.
@@ -113,7 +150,7 @@ fn given(expr: &Expr) -> Option<Span> {
     if let ExprKind::With(start, _) = &expr.kind {
         return Some(match start {
             StartValue::Known(value) => value.span,
-            StartValue::Kept(_, name) => name.span,
+            StartValue::Kept(_, name) | StartValue::Result(name) => name.span,
         });
     }
     match expr.first_parts().as_slice() {
@@ -131,7 +168,7 @@ fn twice(before: &Expr, value: Span) -> Diagnostic {
 }
 
 /// Makes the diagnostic for a start value if no program that the expression starts takes one.
-fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
+pub(super) fn nothing(takers: &[Taker<'_>], value: Span, part: &Expr) -> Diagnostic {
     let mut names: Vec<&str> = takers
         .iter()
         .filter_map(|taker| match taker {

@@ -142,7 +142,9 @@ impl Analysis {
         let Some(arg) = at.inside(SyntaxKind::Arg) else {
             // A time in an event action may be a parameter of the group.
             let in_actions = at.inside(SyntaxKind::Actions).is_some();
-            return if in_actions { self.values(at, false) } else { self.consts() };
+            let results = if at.grand_is(SyntaxKind::StartValue) { results(at) } else { Vec::new() };
+            let others = if in_actions { self.values(at, false) } else { self.consts() };
+            return [results, others].concat();
         };
         let args = at.inside(SyntaxKind::Args);
         let place = args.map_or(0, |args| args.children().take_while(|other| other.span() != arg.span()).count());
@@ -332,4 +334,15 @@ fn direction(at: &Cursor) -> Option<Direction> {
     let arrow = connection.tokens().find(|token| [Arrow, SyntaxKind::BackArrow].contains(&token.kind()));
     let is_forward = arrow.is_none_or(|arrow| arrow.kind() == Arrow);
     Some(if is_first == is_forward { Direction::Out } else { Direction::In })
+}
+
+/// Returns the names of the results around the cursor, the innermost first.
+fn results(at: &Cursor) -> Vec<Completion> {
+    let name = |node: &Node| match node.kind() {
+        SyntaxKind::Named => node.names().next(),
+        SyntaxKind::Arm => node.names().nth(1),
+        _ => None,
+    };
+    let names = at.around.iter().filter_map(name);
+    names.map(|name| Completion::new(CompletionKind::Parameter, name.text).detail("result")).collect()
 }

@@ -51,7 +51,7 @@ struct Walk<'a> {
     types: &'a BTreeMap<crate::Span, usize>,
     /// The process around the node.
     process: Option<usize>,
-    /// The variables of the `all` and `race` around the node.
+    /// The variables of the `all` and `race` around the node, and the names of results.
     variables: Vec<(String, usize)>,
 }
 
@@ -75,7 +75,11 @@ impl Walk<'_> {
                 let bodies: Vec<Node> = arms.flat_map(|arm| arm.children().collect::<Vec<_>>()).collect();
                 return bodies.iter().for_each(|body| self.node(body));
             }
-            SyntaxKind::Arm => self.outcome(names.first()),
+            SyntaxKind::Arm => {
+                self.outcome(names.first());
+                return self.inside_of(names.get(1), Kind::Result, node);
+            }
+            SyntaxKind::Named => return self.inside_of(names.first(), Kind::Result, node),
             SyntaxKind::Until => names.iter().skip(1).for_each(|name| self.outcome(Some(name))),
             SyntaxKind::Using => self.resources(node),
             SyntaxKind::Run => return self.run(node, names.first()),
@@ -287,18 +291,22 @@ impl Walk<'_> {
         for bound in names.iter().skip(2).filter(is_bound) {
             self.number(Some(bound));
         }
-        let Some(variable) = names.get(1) else { return };
-        let symbol = self.index.symbols.len();
-        self.index.symbols.push(Symbol {
-            kind: Kind::Variable,
-            name: variable.text.clone(),
-            declaration: variable.span,
-        });
-        self.add(variable, symbol);
-        self.variables.push((variable.text.clone(), symbol));
+        self.inside_of(names.get(1), Kind::Variable, node);
+    }
+
+    /// Visits the parts of a node, in which `name` is known.
+    fn inside_of(&mut self, name: Option<&Name>, kind: Kind, node: &Node) {
+        if let Some(name) = name {
+            let symbol = self.index.symbols.len();
+            self.index.symbols.push(Symbol { kind, name: name.text.clone(), declaration: name.span });
+            self.add(name, symbol);
+            self.variables.push((name.text.clone(), symbol));
+        }
         for part in node.children() {
             self.node(&part);
         }
-        self.variables.pop();
+        if name.is_some() {
+            self.variables.pop();
+        }
     }
 }

@@ -50,6 +50,7 @@ impl GroupNumbers {
             Expression::Finally(p, q) => Expression::Finally(boxed(p), boxed(q)),
             Expression::Tagged { tag, of } => Expression::Tagged { tag: tag.clone(), of: boxed(of) },
             Expression::With { given, of } => Expression::With { given: given.clone(), of: boxed(of) },
+            Expression::Named { name, of } => Expression::Named { name: name.clone(), of: boxed(of) },
             Expression::Repeat { until, of } => Expression::Repeat { until: until.clone(), of: boxed(of) },
             Expression::Catch { of, arms } => {
                 let arm = |arm: &CatchArm| CatchArm { failure: arm.failure.clone(), body: self.expression(&arm.body) };

@@ -9,7 +9,7 @@ use crate::diagnostic::{Code, Edit, Fix};
 use crate::similar;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{
-    self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, Greater, Hash, Ident, LeftBrace,
+    self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, FatArrow, Greater, Hash, Ident, LeftBrace,
     LeftBracket, LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
 };
 
@@ -171,6 +171,9 @@ impl Parser<'_> {
 
     /// `retry(3) operand`, `shield operand`, `using(arm) operand`
     fn prefixed(&mut self) {
+        if self.at(Ident) && self.kind(1) == FatArrow && !self.ends_block() {
+            return self.named();
+        }
         if self.habit() {
             return;
         }
@@ -187,6 +190,19 @@ impl Parser<'_> {
         }
         head(self);
         self.prefixed();
+        self.finish();
+        self.ascend();
+    }
+
+    /// `p => goto with p`: a name for the start value of this operand.
+    fn named(&mut self) {
+        if !self.descend() {
+            return self.skip_as_error();
+        }
+        self.start(SyntaxKind::Named);
+        self.bump();
+        self.bump();
+        self.chain();
         self.finish();
         self.ascend();
     }

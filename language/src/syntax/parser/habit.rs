@@ -85,7 +85,7 @@ const BETWEEN: [(&str, &str); 20] = [
 const SIGNS: [(SyntaxKind, &str); 4] = [
     (Arrow, "`a ; b` runs b when a is done; `->` connects ports, in `internal_connections`"),
     (BackArrow, "`a ; b` runs b when a is done; `<-` connects ports, in `internal_connections`"),
-    (FatArrow, "`a ; b` runs b when a is done; `=>` stands in `match { found => b }`"),
+    (FatArrow, "`a ; b` runs b when a is done; `=>` follows a name, in `a : p => b with p` and `match { found => b }`"),
     (Greater, TURN),
 ];
 

@@ -27,7 +27,7 @@ pub(crate) enum Leaves {
 pub(crate) struct Size {
     /// Its leaves.
     pub(crate) leaves: usize,
-    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as`, `with`, `repeat` and `match` with one arm occur in it, anywhere.
+    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as`, `with`, `=>`, `repeat` and `match` with one arm occur in it, anywhere.
     pub(crate) unary: usize,
 }
 
@@ -83,6 +83,8 @@ fn shapes(size: Size, operators: Operators) -> Vec<Term> {
             all.push(Term::Match(vec![(Some(TAGS[0].to_owned()), inner.clone())]));
             all.push(Term::Using(0, vec!["r".to_owned()], Box::new(inner.clone())));
             all.push(Term::With(b"u".to_vec(), Box::new(inner.clone())));
+            let name = || format!("p{}", size.unary);
+            all.push(Term::Named(name(), Box::new(Term::WithName(name(), Box::new(inner.clone())))));
             all.push(Term::Repeat(vec![TAGS[0].to_owned()], Box::new(inner.clone())));
             all.push(Term::Tag(TAGS[1].to_owned(), Box::new(inner.clone())));
             all.push(Term::Shield(Some(0), Box::new(inner.clone())));

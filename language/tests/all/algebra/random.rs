@@ -42,6 +42,29 @@ pub(crate) fn spec() -> impl Strategy<Value = Spec> {
 }
 
 pub(crate) fn term() -> impl Strategy<Value = Term> {
+    unscoped().prop_map(|mut term| {
+        scope(&mut term, 0);
+        term
+    })
+}
+
+/// Lets each name stand for a value that is kept around it.
+fn scope(term: &mut Term, around: usize) {
+    let mut inside = around;
+    if let Term::Named(name, _) = term {
+        *name = format!("p{around}");
+        inside += 1;
+    }
+    if let Term::WithName(name, e) = term {
+        match name.parse::<usize>().expect("a number of a test").checked_rem(around) {
+            Some(number) => *name = format!("p{number}"),
+            None => *term = Term::With(b"shelf".to_vec(), e.clone()),
+        }
+    }
+    term.parts_mut().into_iter().for_each(|part| scope(part, inside));
+}
+
+fn unscoped() -> impl Strategy<Value = Term> {
     let leaf = prop_oneof![
         20 => (0..MEMBERS).prop_map(|member| Term::Leaf(member, vec![member])),
         1 => (0..MEMBERS).prop_map(|member| Term::Leaf(member, vec![])),
@@ -62,6 +85,8 @@ pub(crate) fn term() -> impl Strategy<Value = Term> {
             2 => pair().prop_map(|(e, f)| Term::Fin(e, f)),
             1 => inner.clone().prop_map(|e| Term::Tag(TAGS[0].to_owned(), Box::new(e))),
             2 => (given(), inner.clone()).prop_map(|(value, e)| Term::With(value, Box::new(e))),
+            2 => inner.clone().prop_map(|e| Term::Named(String::new(), Box::new(e))),
+            3 => (0..4_usize, inner.clone()).prop_map(|(number, e)| Term::WithName(number.to_string(), Box::new(e))),
             2 => (inner.clone(), several(), causes(), any::<bool>()).prop_map(|(e, es, causes, has_else)| catch(e, es, &causes, has_else)),
             2 => (1..3_usize, inner.clone()).prop_map(|(k, e)| Term::Repeat(TAGS[..k].iter().map(|&tag| tag.to_owned()).collect(), Box::new(e))),
             3 => several().prop_map(Term::Par),

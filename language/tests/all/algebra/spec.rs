@@ -70,8 +70,11 @@ fn expression(term: &Term) -> Expression {
         Term::Fin(e, f) => Expression::Finally(boxed(e), boxed(f)),
         Term::Tag(tag, e) => Expression::Tagged { tag: tag.clone(), of: boxed(e) },
         Term::With(value, e) => {
-            Expression::With { given: Given { text: "?".to_owned(), value: Value::new(value) }, of: boxed(e) }
+            let given = Given::Known { text: "?".to_owned(), value: Value::new(value) };
+            Expression::With { given, of: boxed(e) }
         }
+        Term::Named(name, e) => Expression::Named { name: name.clone(), of: boxed(e) },
+        Term::WithName(name, e) => Expression::With { given: Given::Result(name.clone()), of: boxed(e) },
         Term::Catch(e, arms) => {
             let failure = |asked: &Asked| match asked {
                 Asked::Reported => Failure::Reported,

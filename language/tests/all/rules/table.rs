@@ -260,6 +260,33 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     ("`P as t`", "P aborted(r): aborted(r).", &["P as t | start s: P(s) | P abort r: aborted(r)"]),
     (
+        "Names for results",
+        "`p => Q` starts with v: Q starts, with nothing. In Q, `R with p` is `R with v`.",
+        &[
+            "p => (P ; R with p) | start v: P() | P done u: R(v)",
+            "P : p => (Q with p ; R with p) | start s: P(s) | P done v: Q(v) | Q done u: R(v)",
+            "M : match { t p => P with p, u => Q } | start s: M(s) | M done t:v: P(v)",
+            "M : p => (P ; (match { t q => Q with q, u => R }) with p) | start s: M(s) | M done t:v: P() | P done x: Q(v)",
+            "p => (P ; retry(1) (R with p)) | start v: P() | P done u: R(v) | R abort r: R(v)",
+        ],
+    ),
+    (
+        "Names for results",
+        "Q done(u): done(u). Q aborted(r): aborted(r).",
+        &[
+            "p => (P with p) | start v: P(v) | P done u: done(u)",
+            "p => (P with p) | start v: P(v) | P abort r: aborted(r)",
+        ],
+    ),
+    (
+        "Names for results",
+        "A stop goes to Q. The value is kept until Q has ended.",
+        &[
+            "p => (P with p) | start v: P(v) | stop: stop P | P stopped: stopped",
+            "p => (P finally (R with p)) | start v: P() | stop: stop P | P stopped: R(v) | R done u: stopped",
+        ],
+    ),
+    (
         "`P with v`",
         "P starts with v, and ignores the value of the previous process.",
         &[

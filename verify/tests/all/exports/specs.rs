@@ -17,7 +17,7 @@ pub(crate) fn random(seed: u64) -> String {
     }
     // The first member whose module has one end becomes a group.
     let (inner, _) = text(&group(&mut dice, Taste::Text), "");
-    let module = |slot: u32| format!("module M{slot}(host: Host) {{ done; }}\n");
+    let module = |slot: u32| format!("module M{slot}(host: Host) {{ init start; done; }}\n");
     let Some(slot) = (0..5).find(|slot| outer.contains(&module(*slot))) else { return outer };
     let mut inner = inner.replace("process main()", "process Inner()");
     for slot in 0..5 {

@@ -279,7 +279,7 @@ impl Made {
                     (false, true) => "service".to_owned(),
                     (false, false) => "done".to_owned(),
                 };
-                writeln!(text, "module M{index}_{slot}(host: Host) {{ {ends}; }}").expect("a text");
+                writeln!(text, "module M{index}_{slot}(host: Host) {{ init start; {ends}; }}").expect("a text");
             }
         }
         for index in (0..self.groups.len()).rev() {

@@ -347,6 +347,7 @@ impl Reference {
                 let next = act(self, *c).map(|c| Conf::As(tag.clone(), c.into()));
                 next.map_err(|outcome| tagged(&tag, outcome))
             }
+            Conf::Named(number, value, c) => act(self, *c).map(|c| Conf::Named(number, value.clone(), c.into())),
             Conf::Catch(c, arms) => {
                 let next = act(self, *c);
                 self.catch(next, &arms)

@@ -55,6 +55,8 @@ struct Maker<'d> {
     /// The members that may occur again: those outside of loops.
     again: Vec<u32>,
     is_in_loop: bool,
+    /// How many values with names are kept around.
+    names: u32,
 }
 
 /// Makes a group of up to five members. Its expression may contain every operator.
@@ -65,7 +67,7 @@ pub(crate) fn group(dice: &mut Dice, taste: Taste) -> Group {
 
 /// Makes a group whose expression has about `size` operands.
 pub(crate) fn of_size(dice: &mut Dice, taste: Taste, size: u32) -> Group {
-    let mut maker = Maker { dice, taste, used: 0, again: Vec::new(), is_in_loop: false };
+    let mut maker = Maker { dice, taste, used: 0, again: Vec::new(), is_in_loop: false, names: 0 };
     let expression = maker.expression(size);
     let used = maker.used;
     let members = (0..used.max(1)).map(|index| {
@@ -90,7 +92,7 @@ impl Maker<'_> {
         if size <= 1 {
             return self.leaf();
         }
-        match self.dice.below(31) {
+        match self.dice.below(34) {
             0..=2 => Expression::Concurrent(self.operands(size)),
             3 => Expression::FailFast(self.operands(size)),
             4 | 5 => {
@@ -119,7 +121,21 @@ impl Maker<'_> {
             20 | 21 => self.using(size),
             22 => self.pool(size),
             23 => {
-                let given = Given { text: "\"a\"".to_owned(), value: text_value("a") };
+                let given = Given::Known { text: "\"a\"".to_owned(), value: text_value("a") };
+                Expression::With { given, of: Box::new(self.expression(size - 1)) }
+            }
+            31 => {
+                let name = format!("p{}", self.names);
+                self.names += 1;
+                let mut of = Box::new(self.expression(size - 1));
+                self.names -= 1;
+                if self.dice.one_in(2) {
+                    of = Box::new(Expression::With { given: Given::Result(name.clone()), of });
+                }
+                Expression::Named { name, of }
+            }
+            32 | 33 if self.names > 0 => {
+                let given = Given::Result(format!("p{}", self.dice.below(self.names)));
                 Expression::With { given, of: Box::new(self.expression(size - 1)) }
             }
             _ => {

@@ -9,7 +9,7 @@ use super::term::{Conf, Expr, Kind, Left, Outcome, Pool, Slots, Why, expression,
 use language::algebra::Value;
 use language::automaton::Failure;
 use language::plan::{DEADLINE, Group};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -50,6 +50,8 @@ pub(crate) struct Reference {
     pub(crate) busy: BTreeSet<u32>,
     /// The occupied resources, each with the `using` that occupies it.
     held: Vec<(usize, String)>,
+    /// The values with names, by their numbers. The configuration of a running operand has the same value.
+    kept: BTreeMap<usize, Left>,
     /// The waiting `using`s with the resources that they need, the earliest first.
     pub(crate) queue: Vec<(usize, Vec<String>)>,
     pub(crate) orders: Vec<Order>,
@@ -63,6 +65,7 @@ impl Reference {
             conf: None,
             busy: BTreeSet::new(),
             held: Vec::new(),
+            kept: BTreeMap::new(),
             queue: Vec::new(),
             orders: Vec::new(),
         }
@@ -171,6 +174,15 @@ impl Reference {
             Kind::Pool(source, bodies) => self.start_pool(source, bodies, value),
             // The outcome is that of P, so `with` is no longer needed once P runs.
             Kind::With(value, of) => self.start(of, Left::Value(value.clone())),
+            // A value is written before anything inside starts, and again when the whole starts again.
+            Kind::Named(number, of) => {
+                self.kept.insert(*number, value.clone());
+                self.start(of, Left::NOTHING).map(|c| Conf::Named(*number, value, c.into()))
+            }
+            Kind::WithKept(number, of) => {
+                let value = self.kept[number].clone();
+                self.start(of, value)
+            }
             Kind::Catch(of, arms) => {
                 let next = self.start(of, value);
                 self.catch(next, arms)

@@ -26,6 +26,7 @@ impl Reference {
             | Conf::As(_, c)
             | Conf::Repeat(_, c, _)
             | Conf::Catch(c, _) => self.stop(*c),
+            Conf::Named(number, value, c) => self.stop(*c).map(|c| Conf::Named(number, value, c.into())),
             Conf::Par(Slots { slots, .. })
             | Conf::And(Slots { slots, .. })
             | Conf::Any(_, Slots { slots, .. })
@@ -90,7 +91,12 @@ impl Conf {
             Self::Active(..) | Self::Stopping(..) | Self::Never | Self::Timer(_) | Self::Waiting(..) => Vec::new(),
             Self::Seq(c, _) | Self::Cond(c, _) | Self::Else(c, _) | Self::Fin1(c, _) => vec![c],
             Self::Rec1(c, ..) | Self::Rec2(c, ..) | Self::Repeat(_, c, _) | Self::Catch(c, _) => vec![c],
-            Self::Shield(_, c) | Self::ShieldK(_, c) | Self::Using(_, c) | Self::Fin2(_, c) | Self::As(_, c) => vec![c],
+            Self::Shield(_, c)
+            | Self::ShieldK(_, c)
+            | Self::Using(_, c)
+            | Self::Fin2(_, c)
+            | Self::As(_, c)
+            | Self::Named(_, _, c) => vec![c],
             Self::Par(slots) | Self::And(slots) | Self::Any(_, slots) | Self::Least(_, slots) => {
                 slots.slots.iter().filter_map(|slot| slot.as_ref().ok()).collect()
             }

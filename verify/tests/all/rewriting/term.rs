@@ -2,7 +2,7 @@
 
 use language::algebra::Value;
 use language::automaton::Failure;
-use language::plan::{Expression, Group, MemberKind};
+use language::plan::{Expression, Given, Group, MemberKind};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -92,6 +92,9 @@ pub(crate) enum Kind {
     Pool(Rc<Expr>, Vec<Rc<Expr>>),
     As(String, Rc<Expr>),
     With(Value, Rc<Expr>),
+    /// The number of the kept value, and the expression that may start with it.
+    Named(usize, Rc<Expr>),
+    WithKept(usize, Rc<Expr>),
     Repeat(Vec<String>, Rc<Expr>),
     Catch(Rc<Expr>, CatchArms),
 }
@@ -123,6 +126,7 @@ pub(crate) enum Conf {
     Fin1(Box<Self>, Rc<Expr>),
     Fin2(Outcome, Box<Self>),
     As(String, Box<Self>),
+    Named(usize, Left, Box<Self>),
     Repeat(Vec<String>, Box<Self>, Rc<Expr>),
     Catch(Box<Self>, CatchArms),
 }
@@ -160,6 +164,9 @@ pub(crate) struct Pool {
 struct Numbers {
     timers: u32,
     usings: usize,
+    kept: usize,
+    /// The kept values around, by their names.
+    names: Vec<(String, usize)>,
 }
 
 /// Returns the expression of a group.
@@ -208,7 +215,21 @@ fn build(source: &Expression, group: &Group, numbers: &mut Numbers) -> Rc<Expr> 
             Kind::Catch(of, arms.collect())
         }
         Expression::Repeat { until, of } => Kind::Repeat(until.clone(), build(of, group, numbers)),
-        Expression::With { given, of } => Kind::With(given.value.clone(), build(of, group, numbers)),
+        Expression::With { given: Given::Known { value, .. }, of } => {
+            Kind::With(value.clone(), build(of, group, numbers))
+        }
+        Expression::With { given: Given::Result(name), of } => {
+            let (_, number) = numbers.names.iter().find(|(known, _)| known == name).expect("a name around it");
+            Kind::WithKept(*number, build(of, group, numbers))
+        }
+        Expression::Named { name, of } => {
+            let number = numbers.kept;
+            numbers.kept += 1;
+            numbers.names.push((name.clone(), number));
+            let of = build(of, group, numbers);
+            numbers.names.pop();
+            Kind::Named(number, of)
+        }
     };
     Rc::new(Expr { is_service: is_service(&kind, group), kind })
 }
@@ -249,9 +270,13 @@ fn is_service(kind: &Kind, group: &Group) -> bool {
         Kind::Else(p, _) | Kind::Catch(p, _) => p.is_service,
         Kind::Finally(p, q) => p.is_service || q.is_service,
         Kind::Match(arms) => arms.iter().all(|(_, body)| body.is_service),
-        Kind::Shield(_, of) | Kind::Using(_, _, of) | Kind::As(_, of) | Kind::With(_, of) | Kind::Repeat(_, of) => {
-            of.is_service
-        }
+        Kind::Shield(_, of)
+        | Kind::Using(_, _, of)
+        | Kind::As(_, of)
+        | Kind::With(_, of)
+        | Kind::Named(_, of)
+        | Kind::WithKept(_, of)
+        | Kind::Repeat(_, of) => of.is_service,
     }
 }
 

@@ -20,7 +20,7 @@ pub(crate) fn text(group: &Group, sentences: &str) -> (String, BTreeMap<u32, Vec
             (false, true) => "service".to_owned(),
             (false, false) => "done".to_owned(),
         };
-        writeln!(modules, "module M{slot}(host: Host) {{ {ends}; }}").expect("a text");
+        writeln!(modules, "module M{slot}(host: Host) {{ init start; {ends}; }}").expect("a text");
         writeln!(instances, "        m{slot} instof M{slot}(c1);").expect("a text");
     }
     let text = format!(
@@ -76,8 +76,8 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
             format!("({}) ::[1] ({})", written(source, matched), written(&pool[0], matched))
         }
         Expression::Chart(_) => unreachable!("random expressions have no activities"),
-        // The value has no effect on the events, and the modules of a text take no value.
-        Expression::With { of, .. } => written(of, matched),
+        Expression::With { given, of } => format!("({}) with {given}", written(of, matched)),
+        Expression::Named { name, of } => format!("{name} => ({})", written(of, matched)),
         Expression::Catch { of, arms } => {
             let of = written(of, matched);
             let arms = arms.iter().map(|arm| {

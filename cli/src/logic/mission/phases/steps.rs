@@ -163,7 +163,10 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Recurrent(..) => (5, " ;; "),
         E::Match(arms) => {
             let tag = |arm: &Arm| arm.tag.clone().unwrap_or_else(|| "else".to_owned());
-            let arm = |arm: &Arm| format!("{} => {}", tag(arm), inside(&arm.body, 1, members));
+            let arm = |arm: &Arm| match &arm.body {
+                E::Named { name, of } => format!("{} {name} => {}", tag(arm), inside(of, 1, members)),
+                body => format!("{} => {}", tag(arm), inside(body, 1, members)),
+            };
             return (9, format!("match {{ {} }}", arms.iter().map(arm).collect::<Vec<_>>().join(", ")));
         }
         E::Shield { bound, of } => {
@@ -186,7 +189,8 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Repeat { until, of } => {
             return (6, format!("repeat {} until {}", inside(of, 6, members), until.join(" | ")));
         }
-        E::With { given, of } => return (8, format!("{} with {}", inside(of, 8, members), given.text)),
+        E::With { given, of } => return (8, format!("{} with {given}", inside(of, 8, members))),
+        E::Named { name, of } => return (5, format!("{name} => {}", inside(of, 5, members))),
         E::Tagged { tag, of } => return (8, format!("{} as {tag}", inside(of, 8, members))),
         E::Asynchronous { source, pool } => {
             let one = pool.first().map_or(String::new(), |one| inside(one, 5, members));

@@ -1,7 +1,7 @@
 //! The similarities between nodes of two programs, and the number of operands that a node waits for.
 
 use crate::algebra::phase::Phase;
-use crate::algebra::program::{Kind, Program};
+use crate::algebra::program::{Kind, Program, Start};
 use crate::algebra::state::Cell;
 use crate::automaton::Failure;
 use std::collections::BTreeSet;
@@ -62,7 +62,9 @@ pub(super) fn is_alike(old: Compared<'_>, new: Compared<'_>) -> bool {
     match (&old.nodes[a].kind, &new.nodes[b].kind) {
         (Kind::Run { member, .. }, Kind::Run { member: other, .. }) => member == other && sets(old, a) == sets(new, b),
         (Kind::Fail(why), Kind::Fail(other)) | (Kind::Tagged(why), Kind::Tagged(other)) => why == other,
-        (Kind::With(value), Kind::With(other)) => value == other,
+        (Kind::With(Start::Known(value)), Kind::With(Start::Known(other))) => value == other,
+        (Kind::With(Start::Kept { between, .. }), Kind::With(Start::Kept { between: other, .. })) => between == other,
+        (Kind::With(_), Kind::With(_)) => false,
         (Kind::Wait { after, .. }, Kind::Wait { after: other, .. }) => after == other,
         (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. })
         | (Kind::AtLeast { count, .. }, Kind::AtLeast { count: other, .. }) => count == other,

@@ -183,6 +183,10 @@ impl Parser<'_> {
         while self.at_any(&[Ident, Text]) && !self.ends_block() {
             self.start(SyntaxKind::Arm);
             self.bump();
+            // `found p => goto with p`
+            if self.at(Ident) && self.kind(1) == FatArrow {
+                self.bump();
+            }
             if !self.eat(FatArrow) {
                 self.expected("`=>`");
             }
@@ -193,7 +197,8 @@ impl Parser<'_> {
                 self.skip_as_error();
             }
             self.finish();
-            let goes_on = self.at_any(&[Ident, Text]) && self.kind(1) == FatArrow;
+            let is_named = self.kind(1) == Ident && self.kind(2) == FatArrow;
+            let goes_on = self.at_any(&[Ident, Text]) && (self.kind(1) == FatArrow || is_named);
             if !self.eat(Comma) && !goes_on {
                 break;
             }

@@ -253,6 +253,18 @@ fn split(v: &Value) -> (Option<String>, Value) {
 }
 
 impl Term {
+    /// The term in which a value stands for a name.
+    pub(super) fn replaced(&self, name: &str, value: &Value) -> Self {
+        let mut term = self.clone();
+        if let Self::WithName(known, e) = self
+            && known == name
+        {
+            term = Self::With(value.clone(), e.clone());
+        }
+        term.parts_mut().into_iter().for_each(|part| *part = part.replaced(name, value));
+        term
+    }
+
     /// Counts the `using`s.
     pub(super) fn usings(&self) -> usize {
         let own = usize::from(matches!(self, Self::Using(..)));
@@ -266,9 +278,13 @@ impl Term {
             Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Least(_, es) | Self::Dis(es) => es.iter().collect(),
             Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
-                vec![e]
-            }
+            Self::Shield(_, e)
+            | Self::Using(_, _, e)
+            | Self::Tag(_, e)
+            | Self::With(_, e)
+            | Self::Named(_, e)
+            | Self::WithName(_, e)
+            | Self::Repeat(_, e) => vec![e],
             Self::Arec(e, fs) => std::iter::once(&**e).chain(fs).collect(),
             Self::Catch(e, arms) => std::iter::once(&**e).chain(arms.iter().map(|(_, f)| f)).collect(),
         }
@@ -283,9 +299,13 @@ impl Term {
                 es.iter_mut().collect()
             }
             Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) | Self::With(_, e) | Self::Repeat(_, e) => {
-                vec![e]
-            }
+            Self::Shield(_, e)
+            | Self::Using(_, _, e)
+            | Self::Tag(_, e)
+            | Self::With(_, e)
+            | Self::Named(_, e)
+            | Self::WithName(_, e)
+            | Self::Repeat(_, e) => vec![e],
             Self::Arec(e, fs) => std::iter::once(&mut **e).chain(fs).collect(),
             Self::Catch(e, arms) => std::iter::once(&mut **e).chain(arms.iter_mut().map(|(_, f)| f)).collect(),
         }

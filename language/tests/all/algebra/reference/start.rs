@@ -75,6 +75,9 @@ impl World {
             }
             // [s-with]: the outcome is that of E, so nothing of it is left.
             Term::With(u, e) => self.start(e, u.clone()),
+            // [s-named]: the value takes the place of its name, so nothing has to keep it.
+            Term::Named(p, e) => self.start(&e.replaced(p, &v), vec![]),
+            Term::WithName(p, _) => unreachable!("`{p}` is replaced before it is started"),
             Term::Catch(e, arms) => {
                 let r = self.start(e, v);
                 self.catch(r, arms)
@@ -143,6 +146,8 @@ impl World {
             | Term::Using(_, _, e)
             | Term::Tag(_, e)
             | Term::With(_, e)
+            | Term::Named(_, e)
+            | Term::WithName(_, e)
             | Term::Repeat(_, e)
             | Term::Catch(e, _) => self.service(e),
             Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),

@@ -48,6 +48,10 @@ pub(crate) enum Term {
     Tag(String, Box<Self>),
     /// `E with u`
     With(Value, Box<Self>),
+    /// `p => E`
+    Named(String, Box<Self>),
+    /// `E with p`
+    WithName(String, Box<Self>),
     /// `repeat E until t | ..`
     Repeat(Vec<String>, Box<Self>),
     /// `E else match { r => F, .. }`; `else` asks for no reason.
