@@ -45,7 +45,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA uses otherwise. The crates of DCA are in the dependencies of the program,
 /// and its programs are on the search path. So a program with one of their names would be built or started instead.
-const TAKEN: [&str; 41] = [
+const TAKEN: [&str; 42] = [
     "alloc",
     "bridge",
     "build",
@@ -63,6 +63,7 @@ const TAKEN: [&str; 41] = [
     "dca-hanging",
     "dca-keys",
     "dca-node",
+    "dca-noting",
     "dca-python",
     "dca-ros",
     "dca-shim",

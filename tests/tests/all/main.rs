@@ -54,6 +54,7 @@ mod quiet;
 mod record;
 mod refused_programs;
 mod replay;
+mod results;
 mod rooms;
 mod ros_calls;
 mod ros_nodes;
