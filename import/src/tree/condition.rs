@@ -84,6 +84,12 @@ fn with_scripts<'a>(context: &mut Context<'a>, node: Node<'a>, piece: Piece) -> 
     Ok(piece)
 }
 
+/// Whether a node has conditions before it, or scripts behind it.
+pub(super) fn has_conditions(node: Node<'_>) -> bool {
+    let names = ["_while", "_skipIf", "_successIf", "_failureIf", "_onSuccess", "_onFailure", "_post", "_onHalted"];
+    names.iter().any(|name| node.attribute(*name).is_some())
+}
+
 /// The piece for a skipped node.
 fn skipped(context: &mut Context<'_>, node: Node<'_>, around: Around, attribute: &str) -> Piece {
     match around {

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const DEPTH_MAX: usize = 80;
 
 /// The longest event actions of a group, in bytes.
-const ACTIONS_MAX: usize = 256 * 1024;
+pub(super) const ACTIONS_MAX: usize = 256 * 1024;
 
 /// The meaning of a skipped node for the node around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

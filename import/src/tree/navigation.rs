@@ -1,10 +1,12 @@
 //! Nodes of Nav2 for behavior trees.
 
+use super::condition::has_conditions;
 use super::context::{Around, Context, children, node as child_node, node_of_its_own};
 use super::control::fallback;
 use super::decorator::{RETRIES_MAX, number, only_child};
 use super::leaf::key_of;
 use super::piece::Piece;
+use super::reactive::watcher_of_sure;
 use crate::remark::RemarkKind;
 use crate::xml::{ImportError, Node, elements, tag};
 
@@ -83,35 +85,47 @@ fn recovery<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
     Ok(task.or_else(again.prefixed(&format!("retry({tries})"))))
 }
 
-/// `PipelineSequence`: earlier children are ticked again while a later one runs. A child under a `RateController` is written
-/// as a loop beside the last child.
+/// `PipelineSequence`: earlier children are ticked again while a later one runs.
+///
+/// A child under a `RateController` is written as a loop beside all later children, and a condition is watched beside them.
 fn pipeline<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
     let nodes: Vec<Node<'a>> = elements(node).collect();
-    let (mut pieces, mut loops) = (Vec::new(), Vec::new());
+    let mut steps = Vec::new();
     for (index, &child) in nodes.iter().enumerate() {
         let is_last = index + 1 == nodes.len();
-        match period(child).filter(|_| !is_last && tag(child) == "RateController") {
+        let is_repeated = !is_last && tag(child) == "RateController" && !has_conditions(child);
+        steps.push(match period(child).filter(|_| is_repeated) {
             Some(period) => {
                 let inner = only_child(context, child)?;
                 let piece = node_of_its_own(context, inner, Around::Sequence)?;
-                pieces.push(piece.clone());
-                loops.push(Piece::joined(";;", vec![Piece::wait(period), piece]));
+                let beside = Piece::joined(";;", vec![Piece::wait(period), piece.clone()]);
+                (piece, Some(beside))
             }
             None => {
-                if !is_last {
+                let piece = child_node(context, child, Around::Sequence)?;
+                let beside = if is_last { None } else { watcher_of_sure(context, child)? };
+                if !is_last && beside.is_none() {
                     let text = format!(
-                        "<{}> runs once here; in the tree it is ticked again while later nodes run",
+                        "<{}> runs once here; in the tree, it starts again at each tick of a later node, and its failure halts that node",
                         tag(child)
                     );
                     context.remark(child, RemarkKind::Differs, text);
                 }
-                pieces.push(child_node(context, child, Around::Sequence)?);
+                (piece, beside)
             }
-        }
+        });
     }
-    let last = pieces.pop().unwrap_or_else(Piece::skip);
-    pieces.push(last.until(loops));
-    Ok(Piece::joined(";", pieces))
+    // From the last child to the first one.
+    let mut row: Vec<Piece> = Vec::new();
+    for (piece, beside) in steps.into_iter().rev() {
+        if let Some(beside) = beside {
+            row.reverse();
+            row = vec![Piece::joined(";", row).until(vec![beside])];
+        }
+        row.push(piece);
+    }
+    row.reverse();
+    Ok(Piece::joined(";", row))
 }
 
 /// The time between two runs of the child of a `RateController`, in milliseconds.

@@ -2,7 +2,7 @@
 //! instead.
 
 use super::condition::check;
-use super::context::{Around, Context, node as child_node, part};
+use super::context::{ACTIONS_MAX, Around, Context, node as child_node, part};
 use super::control::{branches, if_then_else};
 use super::decorator::succeeded;
 use super::leaf::{id_of, leaf};
@@ -24,16 +24,41 @@ enum Change {
 
 /// Whether a watcher of a node can be written.
 fn is_watchable(context: &Context<'_>, node: Node<'_>, change: Change) -> bool {
+    // A watcher knows nothing of the conditions and the scripts of its node.
+    if super::condition::has_conditions(node) {
+        return false;
+    }
     let name = node.attribute("ID").filter(|_| sort_of(tag(node)).is_some()).unwrap_or(tag(node));
-    let is_child = |change| elements(node).next().is_some_and(|child| is_watchable(context, child, change));
+    let mut inner = elements(node).peekable();
+    let has_child = inner.peek().is_some();
+    let mut is_child = |change| inner.next().is_some_and(|child| is_watchable(context, child, change));
     match (name, change) {
         ("Inverter", Change::Lapse) => is_child(Change::Rise),
         ("Inverter", Change::Rise) => is_child(Change::Lapse),
         ("Sequence" | "ReactiveSequence", Change::Lapse) | ("Fallback" | "ReactiveFallback", Change::Rise) => {
-            elements(node).all(|child| is_watchable(context, child, change))
+            has_child && inner.all(|child| is_watchable(context, child, change))
         }
         ("AlwaysSuccess", Change::Lapse) | ("AlwaysFailure", Change::Rise) | ("ScriptCondition", _) => true,
-        _ => elements(node).next().is_none() && is_condition(context, node, name),
+        _ => !has_child && is_condition(context, node, name),
+    }
+}
+
+/// The leaves of a node that can be watched, of which no file says whether they are conditions.
+fn doubtful<'a>(context: &Context<'a>, node: Node<'a>) -> Vec<Node<'a>> {
+    let is_known = |name: &str| ["ScriptCondition", "AlwaysSuccess", "AlwaysFailure"].contains(&name);
+    let is_doubtful = |leaf: &Node<'_>| {
+        let name = tag(*leaf);
+        let is_leaf = leaf.is_element() && elements(*leaf).next().is_none();
+        is_leaf && sort_of(name).is_none() && context.library.model(name).is_none() && !is_known(name)
+    };
+    node.descendants().filter(is_doubtful).collect()
+}
+
+/// Notes which leaves of a node are read as conditions although no file says so.
+fn doubts<'a>(context: &mut Context<'a>, node: Node<'a>) {
+    for leaf in doubtful(context, node) {
+        let text = format!("no file says whether <{}> is a condition; it is read as a condition", tag(leaf));
+        context.remark(leaf, RemarkKind::Differs, text);
     }
 }
 
@@ -76,57 +101,71 @@ fn role(change: Change) -> Role {
     }
 }
 
-/// The watchers of all nodes before the last one, and remarks on those that cannot be watched.
-fn watchers<'a>(context: &mut Context<'a>, nodes: &[Node<'a>], change: Change) -> Result<Vec<Piece>, ImportError> {
-    let mut watchers = Vec::new();
-    for &node in nodes {
-        if !is_watchable(context, node, change) {
-            let text =
-                format!("<{}> runs once here; in the tree it is ticked again while a later node runs", tag(node));
-            context.remark(node, RemarkKind::Differs, text);
-            continue;
-        }
-        if sort_of(tag(node)).is_none()
-            && context.library.model(tag(node)).is_none()
-            && elements(node).next().is_none()
-            && tag(node) != "ScriptCondition"
-            && tag(node) != "AlwaysSuccess"
-            && tag(node) != "AlwaysFailure"
-        {
-            let text = format!("no file says whether <{}> is a condition; it is read as a condition", tag(node));
-            context.remark(node, RemarkKind::Differs, text);
-        }
-        watchers.push(watcher(context, node, change)?);
-    }
-    Ok(watchers)
+/// The watcher of a condition that a tree ticks again while a later node runs; none for a node that is not a sure condition.
+pub(super) fn watcher_of_sure<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Option<Piece>, ImportError> {
+    let is_sure = is_watchable(context, node, Change::Lapse) && doubtful(context, node).is_empty();
+    if is_sure { watcher(context, node, Change::Lapse).map(Some) } else { Ok(None) }
 }
 
-/// `ReactiveSequence`: the last child runs as long as all before it hold.
+/// The watcher of a node that is ticked again while a later one runs, or a remark if it cannot be watched.
+fn watcher_or_remark<'a>(
+    context: &mut Context<'a>,
+    node: Node<'a>,
+    change: Change,
+) -> Result<Option<Piece>, ImportError> {
+    if is_watchable(context, node, change) {
+        doubts(context, node);
+        return watcher(context, node, change).map(Some);
+    }
+    let end = match change {
+        Change::Lapse => "fails",
+        Change::Rise => "succeeds",
+    };
+    let text = format!(
+        "<{}> runs once here; in the tree, it starts again at each tick of a later node, and halts that node if it runs or {end}",
+        tag(node)
+    );
+    context.remark(node, RemarkKind::Differs, text);
+    Ok(None)
+}
+
+/// `ReactiveSequence`: each child runs as long as all conditions before it hold.
 pub(super) fn sequence<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
     reactive(context, node, Change::Lapse)
 }
 
-/// `ReactiveFallback`: the last child runs until one before it holds.
+/// `ReactiveFallback`: each child runs until a condition before it holds.
 pub(super) fn fallback<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
     reactive(context, node, Change::Rise)
 }
 
+/// The tree ticks all children again from the first one, and halts the child that runs if an earlier one decides.
 fn reactive<'a>(context: &mut Context<'a>, node: Node<'a>, change: Change) -> Result<Piece, ImportError> {
     let (around, operator) = match change {
         Change::Lapse => (Around::Sequence, ";"),
         Change::Rise => (Around::Fallback, "else"),
     };
     let nodes: Vec<Node<'a>> = elements(node).collect();
-    let Some((last, before)) = nodes.split_last() else {
+    let Some(last) = nodes.len().checked_sub(1) else {
         return Ok(if change == Change::Lapse { Piece::skip() } else { super::control::fallback(Vec::new()) });
     };
-    let mut pieces = Vec::new();
-    for &node in before {
-        pieces.push(child_node(context, node, around)?);
+    let children: Result<Vec<Piece>, ImportError> =
+        nodes.iter().map(|child| child_node(context, *child, around)).collect();
+    let (mut pieces, mut watchers, mut length) = (Vec::new(), Vec::new(), 0);
+    for (index, (&child, piece)) in nodes.iter().zip(children?).enumerate() {
+        // A condition ends at once, so it needs no watchers.
+        let is_over = index < last && is_watchable(context, child, change) && doubtful(context, child).is_empty();
+        let piece = if is_over { piece } else { piece.until(watchers.clone()) };
+        // Each watcher stands behind each later child, so a long row has a very long text.
+        length += piece.text().len();
+        if length > ACTIONS_MAX {
+            return Err(context.error(node, format!("its event actions are longer than {ACTIONS_MAX} bytes")));
+        }
+        pieces.push(piece);
+        if index < last {
+            watchers.extend(watcher_or_remark(context, child, change)?);
+        }
     }
-    let last = child_node(context, *last, around)?;
-    let watchers = watchers(context, before, change)?;
-    pieces.push(last.until(watchers));
     Ok(Piece::joined(operator, pieces))
 }
 
@@ -138,6 +177,7 @@ pub(super) fn while_do_else<'a>(context: &mut Context<'a>, node: Node<'a>) -> Re
         context.remark(node, RemarkKind::Differs, text);
         return if_then_else(context, node);
     }
+    doubts(context, condition);
     part(context, node, "WhileDoElse", |context| {
         let check = child_node(context, condition, Around::Other)?;
         let yes = child_node(context, yes, Around::Other)?;

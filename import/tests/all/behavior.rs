@@ -26,8 +26,7 @@ enum Node {
     ParallelAll(Vec<Self>),
     Reactive {
         is_sequence: bool,
-        conditions: Vec<usize>,
-        action: Box<Self>,
+        children: Vec<Self>,
     },
     Inverter(Box<Self>),
     Force {
@@ -104,6 +103,19 @@ impl Maker {
         self.conditions
     }
 
+    /// A condition in one of its forms, or any node.
+    fn reactive_child(&mut self, is_sequence: bool, depth: usize) -> Node {
+        match self.random.below(6) {
+            0 | 1 => Node::Condition(self.condition()),
+            2 => Node::Inverter(Box::new(Node::Condition(self.condition()))),
+            3 => {
+                let conditions = (0..2).map(|_| Node::Condition(self.condition())).collect();
+                if is_sequence { Node::Sequence(conditions) } else { Node::Fallback(conditions) }
+            }
+            _ => self.node(depth),
+        }
+    }
+
     fn node(&mut self, depth: usize) -> Node {
         let kind = if depth == 0 { 0 } else { self.random.below(19) };
         let depth = depth.saturating_sub(1);
@@ -120,9 +132,9 @@ impl Maker {
             }
             7 => Node::ParallelAll(self.nodes(2, depth)),
             8 | 9 => {
-                let conditions = (0..=self.random.below(2)).map(|_| self.condition()).collect();
-                let (is_sequence, action) = (self.random.one_in(2), self.inner(depth));
-                Node::Reactive { is_sequence, conditions, action }
+                let is_sequence = self.random.one_in(2);
+                let children = (0..2 + self.random.below(3)).map(|_| self.reactive_child(is_sequence, depth)).collect();
+                Node::Reactive { is_sequence, children }
             }
             10 => Node::Inverter(self.inner(depth)),
             11 => Node::Force { success: self.random.one_in(2), child: self.inner(depth) },
@@ -163,10 +175,9 @@ fn xml(node: &Node) -> String {
             format!("<Parallel success_count=\"{successes}\" failure_count=\"{failures}\">{}</Parallel>", all(children))
         }
         Node::ParallelAll(nodes) => format!("<ParallelAll>{}</ParallelAll>", all(nodes)),
-        Node::Reactive { is_sequence, conditions, action } => {
+        Node::Reactive { is_sequence, children } => {
             let name = if *is_sequence { "ReactiveSequence" } else { "ReactiveFallback" };
-            let conditions: String = conditions.iter().map(|number| xml(&Node::Condition(*number))).collect();
-            format!("<{name}>{conditions}{}</{name}>", xml(action))
+            format!("<{name}>{}</{name}>", all(children))
         }
         Node::Inverter(child) => format!("<Inverter>{}</Inverter>", xml(child)),
         Node::Force { success: true, child } => format!("<ForceSuccess>{}</ForceSuccess>", xml(child)),
@@ -184,6 +195,52 @@ fn xml(node: &Node) -> String {
             let end = child.find([' ', '>', '/']).expect("it is an element");
             format!("{} _skipIf=\"{number}\"{}", &child[..end], &child[end..])
         }
+    }
+}
+
+/// A condition that has to keep its value while a later node runs.
+#[derive(Clone, Copy)]
+struct Guard {
+    condition: usize,
+    holds: bool,
+}
+
+/// The conditions that a node consists of, if each has to keep its value for the node to succeed, or to fail.
+fn guards_of(node: &Node, holds: bool) -> Option<Vec<Guard>> {
+    match (node, holds) {
+        (Node::Condition(condition), _) => Some(vec![Guard { condition: *condition, holds }]),
+        (Node::Inverter(child), _) => guards_of(child, !holds),
+        (Node::Sequence(nodes) | Node::Reactive { is_sequence: true, children: nodes }, true)
+        | (Node::Fallback(nodes) | Node::Reactive { is_sequence: false, children: nodes }, false) => {
+            let all: Option<Vec<Vec<Guard>>> = nodes.iter().map(|node| guards_of(node, holds)).collect();
+            Some(all?.concat())
+        }
+        _ => None,
+    }
+}
+
+/// How many nodes of a tree would run again while a later node of a reactive one runs.
+fn repeated(node: &Node) -> usize {
+    let all = |nodes: &[Node]| nodes.iter().map(repeated).sum::<usize>();
+    match node {
+        Node::Action(_) | Node::Condition(_) => 0,
+        Node::Reactive { is_sequence, children } => {
+            let before = &children[..children.len() - 1];
+            before.iter().filter(|child| guards_of(child, *is_sequence).is_none()).count() + all(children)
+        }
+        Node::Sequence(nodes)
+        | Node::Fallback(nodes)
+        | Node::Parallel { children: nodes, .. }
+        | Node::ParallelAll(nodes)
+        | Node::IfThenElse(nodes)
+        | Node::TryCatch(nodes) => all(nodes),
+        Node::Inverter(child)
+        | Node::Force { child, .. }
+        | Node::Retry(_, child)
+        | Node::Repeat(_, child)
+        | Node::Timeout(_, child)
+        | Node::Delay(_, child)
+        | Node::Skip(_, child) => repeated(child),
     }
 }
 
@@ -221,16 +278,7 @@ impl Interpreter {
                     starts: runs.into_iter().flat_map(|run| run.starts).collect(),
                 }
             }
-            Node::Reactive { is_sequence, conditions, action } => {
-                let states = conditions.iter().map(|number| condition(self.seed, *number, start));
-                if states.clone().any(|(holds, _)| holds != *is_sequence) {
-                    return Run { end: start, is_success: !is_sequence, is_skipped: false, starts: vec![] };
-                }
-                let change = states.map(|(_, change)| change).min().unwrap_or(u64::MAX);
-                let run = self.run(action, start);
-                let run = if run.is_skipped { Run { is_success: *is_sequence, is_skipped: false, ..run } } else { run };
-                self.cut(run, change, !is_sequence)
-            }
+            Node::Reactive { is_sequence, children } => self.reactive(*is_sequence, children, start),
             Node::Inverter(child) => {
                 let run = self.run(child, start);
                 Run { is_success: !run.is_success, ..run }
@@ -261,6 +309,35 @@ impl Interpreter {
                 Run { is_success: false, is_skipped: false, ..after(run, |end| self.run(last, end)) }
             }
         }
+    }
+
+    /// Children one after the other. While one runs, the conditions before it are asked again at each tick.
+    ///
+    /// The tree would run the other nodes before it again as well. A spec runs them once, and a remark says so.
+    fn reactive(&self, is_sequence: bool, children: &[Node], start: u64) -> Run {
+        let mut whole = Run { end: start, is_success: is_sequence, is_skipped: true, starts: vec![] };
+        let mut guards = Vec::new();
+        for child in children {
+            let all_skipped = whole.is_skipped;
+            let now = whole.end;
+            let change = guards.iter().map(|guard: &Guard| self.next_change(*guard, now)).min();
+            whole = after(whole, |end| match change {
+                Some(change) => self.cut(self.run(child, end), change, !is_sequence),
+                None => self.run(child, end),
+            });
+            if !whole.is_skipped && whole.is_success != is_sequence {
+                return whole;
+            }
+            whole.is_skipped &= all_skipped;
+            guards.extend(guards_of(child, is_sequence).into_iter().flatten());
+        }
+        Run { is_success: is_sequence, ..whole }
+    }
+
+    /// When a condition gets another value than a guard needs; at once if it has it now.
+    fn next_change(&self, guard: Guard, now: u64) -> u64 {
+        let (holds, change) = condition(self.seed, guard.condition, now);
+        if holds == guard.holds { change } else { now }
     }
 
     /// Children one after the other, until one ends in this way.
@@ -425,8 +502,13 @@ fn check(seed: u64) -> bool {
     let tree = format!("<root BTCPP_format=\"4\"><BehaviorTree ID=\"T\">{}</BehaviorTree></root>", xml(&node));
     let imported =
         import(&Source::new("tree.xml", tree.as_str()), &[]).unwrap_or_else(|why| panic!("{seed}: {why}\n{tree}"));
-    let remarks: Vec<_> =
-        imported.remarks.iter().filter(|one| !one.text.contains("is a program that you have to write")).collect();
+    let again = imported.remarks.iter().filter(|one| one.text.contains("runs once here; in the tree, it starts again"));
+    assert_eq!(again.count(), repeated(&node), "{seed}: {:?}\n{tree}", imported.remarks);
+    let is_checked = |text: &str| {
+        text.contains("is a program that you have to write")
+            || text.contains("runs once here; in the tree, it starts again")
+    };
+    let remarks: Vec<_> = imported.remarks.iter().filter(|one| !is_checked(&one.text)).collect();
     assert!(remarks.iter().all(|one| one.text.contains("skip")), "{seed}: {remarks:?}\n{tree}");
     if !remarks.is_empty() {
         return false;

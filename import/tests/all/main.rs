@@ -4,6 +4,7 @@ mod behavior;
 mod cases;
 mod charts;
 mod delays;
+mod guards;
 mod hostile;
 mod launch;
 mod manual;
