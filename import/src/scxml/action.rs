@@ -120,7 +120,10 @@ fn send(writer: &mut Writer<'_>, node: Node<'_>) -> String {
         text += &writer.remark(node, RemarkKind::Differs, why);
     }
     if writer.model.timers.contains_key(own) {
-        let why = format!("`{}` is the timer of the state that waits for it, and ends with that state", plain(own));
+        let why = format!(
+            "`{}` is the timer of the state that waits for it, and ends with that state",
+            plain(own)
+        );
         return text + &writer.remark(node, RemarkKind::Differs, why);
     }
     match timer::delay(node) {

@@ -1,6 +1,6 @@
 //! The events of a chart: messages from outside, and signals from inside.
 
-use super::model::{Model, inner_states};
+use super::model::{Model, inner_states, is_trigger};
 use super::timer::{self, Timer};
 use crate::name::{Names, identifier};
 use crate::xml::{Node, number, tag};
@@ -59,7 +59,7 @@ pub(super) type Awaited = BTreeMap<String, BTreeSet<u32>>;
 /// Returns the names that the transitions of a chart wait for.
 pub(super) fn awaited(own: &[Node<'_>]) -> Awaited {
     let mut awaited = Awaited::new();
-    for node in own.iter().filter(|node| tag(**node) == "transition") {
+    for node in own.iter().filter(|node| is_trigger(**node)) {
         let Some(source) = node.parent() else { continue };
         for stem in stems(node.attribute("event").unwrap_or_default()) {
             awaited.entry(stem.to_owned()).or_default().insert(number(source));
@@ -96,7 +96,7 @@ pub(super) fn events(own: &[Node<'_>], timers: &BTreeMap<String, Timer>) -> BTre
             }
             // An event after a computed time has to come from outside.
             "send" => awaited.extend(sent_to_self(*node).filter(|event| !timers.contains_key(*event))),
-            "transition" => {
+            "transition" if is_trigger(*node) => {
                 let tokens = node.attribute("event").unwrap_or_default();
                 for stem in stems(tokens) {
                     let is_any = stem == "*" || stem.is_empty();
@@ -123,9 +123,10 @@ pub(super) fn events(own: &[Node<'_>], timers: &BTreeMap<String, Timer>) -> BTre
         let signal = is_raised.then(|| signals.take(&identifier(event)));
         events.insert(event.to_owned(), EventUse { port, signal });
     }
-    if own.iter().any(|node| {
-        tag(*node) == "transition" && stems(node.attribute("event").unwrap_or_default()).any(|stem| stem == "*")
-    }) {
+    if own
+        .iter()
+        .any(|node| is_trigger(*node) && stems(node.attribute("event").unwrap_or_default()).any(|stem| stem == "*"))
+    {
         events.insert("*".into(), EventUse { port: Some(ports.take("other")), signal: None });
     }
     events

@@ -85,9 +85,9 @@ impl<'a> Model<'a> {
             events: BTreeMap::new(),
             clocks: BTreeMap::new(),
             told: BTreeMap::new(),
-            timers: timer::timers(&own, &event::awaited(&own)),
+            timers: BTreeMap::new(),
             variables: BTreeMap::new(),
-            awaited: event::awaited(&own),
+            awaited: Awaited::new(),
             has_any: false,
         };
         for &node in own.iter().filter(|node| is_state(**node)) {
@@ -101,12 +101,15 @@ impl<'a> Model<'a> {
                 return Err(ImportError::at(file, node, why));
             }
         }
-        model.has_any = model.awaited.contains_key("*");
-        model.events = event::events(&own, &model.timers);
         let mut names = Names::default();
         model.variables = variables(&own, &mut names);
-        model.clocks = timer::clocks(&own, &model.timers, &model.awaited, &mut names);
-        for state in own.iter().filter(|node| tag(**node) == "parallel" && event::can_complete(**node)) {
+        let written = written(&own, &model);
+        model.awaited = event::awaited(&written);
+        model.has_any = model.awaited.contains_key("*");
+        model.timers = timer::timers(&written, &model.awaited);
+        model.events = event::events(&written, &model.timers);
+        model.clocks = timer::clocks(&written, &model.timers, &model.awaited, &mut names);
+        for state in written.iter().filter(|node| tag(**node) == "parallel" && event::can_complete(**node)) {
             if model.tells_completion(*state) {
                 model.told.insert(number(*state), names.take("told"));
             }
@@ -169,6 +172,39 @@ fn own_elements(root: Node<'_>) -> Vec<Node<'_>> {
         }
     }
     found
+}
+
+/// The elements of a chart that have a counterpart: nothing waits for an event, or raises it, in a part that is left out.
+fn written<'a>(own: &[Node<'a>], model: &Model<'a>) -> Vec<Node<'a>> {
+    let mut left_out = BTreeSet::new();
+    let mut written = Vec::new();
+    for &node in own {
+        let around = node.parent().filter(|around| around.is_element());
+        let is_inside = |tags: &[&str]| around.is_some_and(|around| tags.contains(&tag(around)));
+        let has_counterpart = match tag(node) {
+            "raise" | "send" | "assign" | "log" | "cancel" | "script" => {
+                is_inside(&["onentry", "onexit", "transition"])
+            }
+            "transition" if is_trigger(node) => {
+                node.attribute("cond").is_none_or(|code| expression::condition(code, model).is_some())
+            }
+            "transition" => is_inside(&["initial", "history"]),
+            "onentry" | "onexit" | "initial" | "invoke" | "datamodel" | "data" => true,
+            _ => is_state(node) || around.is_none(),
+        };
+        if has_counterpart && around.is_none_or(|around| !left_out.contains(&number(around))) {
+            written.push(node);
+        } else {
+            left_out.insert(number(node));
+        }
+    }
+    written
+}
+
+/// Returns whether a transition waits for its event: it is not the first one of a history or of an `<initial>`.
+pub(super) fn is_trigger(transition: Node<'_>) -> bool {
+    let around = transition.parent().map(tag);
+    tag(transition) == "transition" && around.is_some_and(|around| ["scxml", "state", "parallel"].contains(&around))
 }
 
 /// The variables, each with the values that it may have.

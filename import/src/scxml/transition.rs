@@ -36,24 +36,10 @@ fn parallel_that_stays<'a>(model: &Model<'a>, transition: Node<'a>, source: Node
 /// # Errors
 /// It leads to a state that the chart does not have.
 pub(super) fn transition(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>) -> Result<String, ImportError> {
-    let mut remarks = String::new();
-    let target = match node.attribute("target") {
-        None => String::new(),
-        Some(ids) => {
-            let names: Vec<String> = writer.model.named(node, ids)?.iter().map(|state| state.name.clone()).collect();
-            let staying =
-                parallel_that_stays(&writer.model, node, source).map(|around| writer.model.name(around).to_owned());
-            if let Some(around) = staying {
-                let why = format!(
-                    "`{around}` stays active here, and its regions begin again; a chart leaves `{around}` as well"
-                );
-                remarks += &writer.remark(node, RemarkKind::Differs, why);
-            }
-            let internal = if is_internal(&writer.model, node, source) { "internal " } else { "" };
-            if names.is_empty() { String::new() } else { format!(" -> {internal}{}", names.join(", ")) }
-        }
-    };
-    let triggers = triggers(writer, node, source, &mut remarks);
+    let ids = node.attribute("target").unwrap_or_default();
+    let names: Vec<String> = writer.model.named(node, ids)?.iter().map(|state| state.name.clone()).collect();
+    let internal = if is_internal(&writer.model, node, source) { "internal " } else { "" };
+    let target = if names.is_empty() { String::new() } else { format!(" -> {internal}{}", names.join(", ")) };
     let guard = match node.attribute("cond") {
         None => Some(String::new()),
         Some(code) => {
@@ -64,8 +50,16 @@ pub(super) fn transition(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'
         let code = plain(node.attribute("cond").unwrap_or_default());
         let event = plain(node.attribute("event").unwrap_or("always"));
         let why = format!("a transition is left out, since its condition has no counterpart: {event} [{code}]{target}");
-        return Ok(remarks + &writer.remark(node, RemarkKind::Missing, why));
+        return Ok(writer.remark(node, RemarkKind::Missing, why));
     };
+    let mut remarks = String::new();
+    let staying = parallel_that_stays(&writer.model, node, source).map(|around| writer.model.name(around).to_owned());
+    if let Some(around) = staying {
+        let why =
+            format!("`{around}` stays active here, and its regions begin again; a chart leaves `{around}` as well");
+        remarks += &writer.remark(node, RemarkKind::Differs, why);
+    }
+    let triggers = triggers(writer, node, source, &mut remarks);
     if triggers.is_empty() {
         return Ok(remarks);
     }
@@ -98,19 +92,22 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
                 "here, an error event is the failure of the process of this state",
             );
             add("aborted".into());
-            continue;
+            is_known = true;
         }
         if invoked == 1 && matches("done.invoke", stem) {
             add("done".into());
-            continue;
+            is_known = true;
         }
         let from = writer.model.events.range(stem.to_owned()..);
         let similar = from.take_while(|(event, _)| event.starts_with(stem));
         for (event, known) in similar.filter(|(event, _)| matches(stem, event)) {
             is_known = true;
             let own = *event == completion_of(source) && writer.model.hears_completion(source);
+            if own {
+                add("complete".into());
+                continue;
+            }
             match (&known.port, &known.signal) {
-                _ if own => add("complete".into()),
                 (Some(port), _) => add(format!("message {port}")),
                 (None, Some(signal)) => add(format!("signal {signal}")),
                 (None, None) => {}

@@ -60,7 +60,9 @@ fn a_leaf_that_may_be_an_action_is_guarded_and_noted() {
         ],
     );
     let imported = tree("<WhileDoElse><Sequence><Fetch/><Carry/></Sequence><Drop/></WhileDoElse>");
-    assert!(imported.remarks.iter().any(|remark| remark.text.contains("<Fetch>") || remark.text.contains("chosen once")));
+    assert!(
+        imported.remarks.iter().any(|remark| remark.text.contains("<Fetch>") || remark.text.contains("chosen once"))
+    );
     let imported = tree("<WhileDoElse><IsOpen/><Go/><Stop/></WhileDoElse>");
     assert!(imported.remarks.iter().any(|remark| remark.text.contains("<IsOpen> is a condition")));
 }

@@ -4,6 +4,7 @@ mod behavior;
 mod cases;
 mod charts;
 mod delays;
+mod events;
 mod guards;
 mod hostile;
 mod launch;

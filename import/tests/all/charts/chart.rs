@@ -26,6 +26,8 @@ pub(super) enum Condition {
     Below(i64),
     In(usize),
     NotIn(usize),
+    /// The import leaves out the transition.
+    Foreign,
 }
 
 #[derive(Clone, Debug)]
@@ -182,10 +184,11 @@ impl Maker<'_> {
             3 => vec![format!("done.state.s{}", 1 + self.random.below(self.states.len() - 1))],
             _ => vec![self.token()],
         };
-        let condition = match self.random.below(if events.is_empty() { 3 } else { 9 }) {
+        let condition = match self.random.below(if events.is_empty() { 4 } else { 11 }) {
             0 => Some(Condition::Below(1 + self.random.below(4) as i64)),
             1 => Some(Condition::In(self.any_state())),
             2 => Some(Condition::NotIn(self.any_state())),
+            3 => Some(Condition::Foreign),
             _ => None,
         };
         self.labels += 1;
@@ -257,6 +260,7 @@ fn transition_xml(transition: &Transition) -> String {
             Some(Condition::Below(limit)) => format!("count &lt; {limit}"),
             Some(Condition::In(state)) => format!("In('s{state}')"),
             Some(Condition::NotIn(state)) => format!("!In('s{state}')"),
+            Some(Condition::Foreign) => "Math.max(1, 2) == 2".to_owned(),
         },
     );
     add("target", ids(&transition.targets));

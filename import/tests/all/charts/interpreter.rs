@@ -144,6 +144,7 @@ impl<'a> Interpreter<'a> {
             Some(Condition::Below(limit)) => self.count < limit,
             Some(Condition::In(state)) => self.active.contains(&state),
             Some(Condition::NotIn(state)) => !self.active.contains(&state),
+            Some(Condition::Foreign) => false,
         }
     }
 

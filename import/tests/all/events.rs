@@ -1,0 +1,84 @@
+//! The events of an imported chart: where they come from, and the parts that use them.
+
+use import::{Imported, import};
+use language::Source;
+
+fn chart(inside: &str) -> Imported {
+    let text = format!("<scxml initial=\"a\">{inside}</scxml>");
+    import(&Source::new("chart.scxml", text), &[]).unwrap_or_else(|error| panic!("{error}\n{inside}"))
+}
+
+#[track_caller]
+fn has(imported: &Imported, lines: &[&str]) {
+    for line in lines {
+        assert!(imported.text.contains(line), "`{line}` is not in\n{}", imported.text);
+    }
+}
+
+#[track_caller]
+fn lacks(imported: &Imported, texts: &[&str]) {
+    for text in texts {
+        assert!(!imported.text.contains(text), "`{text}` is in\n{}", imported.text);
+    }
+}
+
+const FOREIGN: &str = "cond=\"Math.max(1,2) == 2\"";
+
+/// An event that only a part waits for that is left out is not raised, and not sent.
+#[test]
+fn an_event_for_a_part_that_is_left_out_is_left_out_as_well() {
+    let raised = chart(&format!(
+        "<state id=\"a\"><onentry><raise event=\"e1\"/></onentry><transition event=\"e1\" {FOREIGN} target=\"b\"/></state>\
+         <state id=\"b\"/>"
+    ));
+    has(&raised, &["a transition is left out", "no transition waits for the event `e1`, so it is not raised"]);
+    lacks(&raised, &["raise e1;"]);
+    for send in
+        ["<send event=\"e1\"/>", "<send event=\"e1\" delay=\"5s\"/>", "<send event=\"e1\" delay=\"5s\" id=\"x\"/>"]
+    {
+        let sent = chart(&format!(
+            "<state id=\"a\"><onentry>{send}</onentry><onexit><cancel sendid=\"x\"/></onexit>\
+             <transition event=\"e1\" {FOREIGN} target=\"b\"/></state><state id=\"b\"/>"
+        ));
+        has(&sent, &["no transition waits for the event `e1`"]);
+        lacks(&sent, &["after 5 s", "raise e1;", "later_e1"]);
+    }
+    let completed = chart(&format!(
+        "<state id=\"a\"><state id=\"c\"><transition event=\"go\" target=\"d\"/></state><final id=\"d\"/></state>\
+         <state id=\"b\"><transition event=\"done.state.a\" {FOREIGN} target=\"a\"/></state>"
+    ));
+    lacks(&completed, &["raise done_state_a;"]);
+    // Nothing here takes any event, since the transition that would is left out.
+    let any = chart(&format!(
+        "<state id=\"a\"><onentry><raise event=\"e1\"/></onentry><transition event=\"*\" {FOREIGN} target=\"b\"/></state>\
+         <state id=\"b\"/>"
+    ));
+    lacks(&any, &["raise e1;", "in other"]);
+}
+
+/// An event that only a part raises that is left out comes from outside.
+#[test]
+fn an_event_that_only_a_left_out_part_raises_comes_from_outside() {
+    for raises in [
+        format!("<transition event=\"x\" {FOREIGN}><raise event=\"e1\"/></transition>"),
+        "<transition event=\"x\"><if cond=\"f()\"><raise event=\"e1\"/></if></transition>".to_owned(),
+        "<transition event=\"x\"><foreach array=\"f\" item=\"i\"><send event=\"e1\" delay=\"1s\"/></foreach></transition>"
+            .to_owned(),
+    ] {
+        let imported = chart(&format!(
+            "<state id=\"a\">{raises}<transition event=\"e1\" target=\"b\"/></state><state id=\"b\"/>"
+        ));
+        has(&imported, &["in e1: Text;", "on message e1 -> b;", "left out"]);
+        lacks(&imported, &["signal e1", "raise e1"]);
+    }
+}
+
+/// A state that invokes something takes the errors that the chart raises as well as the failure of its process.
+#[test]
+fn a_state_that_invokes_takes_raised_errors() {
+    let imported = chart(
+        "<state id=\"a\"><invoke src=\"drive\"/><onentry><raise event=\"error.own\"/></onentry>\
+         <transition event=\"error\" target=\"b\"/></state><state id=\"b\"/>",
+    );
+    has(&imported, &["on aborted -> b;", "on signal error_own -> b;", "raise error_own;"]);
+}
