@@ -121,7 +121,7 @@ fn send(writer: &mut Writer<'_>, node: Node<'_>) -> String {
     }
     if writer.model.timers.contains_key(own) {
         let why = format!(
-            "`{}` is the timer of the state that waits for it, and ends with that state",
+            "`{}` is the timer of the state that waits for it, and ends with that state; it cannot come from outside here",
             plain(own)
         );
         return text + &writer.remark(node, RemarkKind::Differs, why);

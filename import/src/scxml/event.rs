@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// How an event comes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct EventUse {
-    /// The port for this event; none if the chart itself raises it.
+    /// The port for this event; none if it cannot come from outside.
     pub(super) port: Option<String>,
     /// The signal; none if the chart does not raise it.
     pub(super) signal: Option<String>,
@@ -119,7 +119,8 @@ pub(super) fn events(own: &[Node<'_>], timers: &BTreeMap<String, Timer>) -> BTre
     let mut events = BTreeMap::new();
     for event in raised.union(&awaited).copied().chain(completed.difference(&raised).copied()) {
         let is_raised = raised.contains(event) || completed.contains(event);
-        let port = if is_raised { None } else { Some(ports.take(&identifier(event))) };
+        // An event that the chart raises can also come from outside, if a transition names it.
+        let port = awaited.contains(event).then(|| ports.take(&identifier(event)));
         let signal = is_raised.then(|| signals.take(&identifier(event)));
         events.insert(event.to_owned(), EventUse { port, signal });
     }

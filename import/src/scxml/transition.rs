@@ -107,11 +107,8 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
                 add("complete".into());
                 continue;
             }
-            match (&known.port, &known.signal) {
-                (Some(port), _) => add(format!("message {port}")),
-                (None, Some(signal)) => add(format!("signal {signal}")),
-                (None, None) => {}
-            }
+            known.port.iter().for_each(|port| add(format!("message {port}")));
+            known.signal.iter().for_each(|signal| add(format!("signal {signal}")));
         }
         let timers = writer.model.timers.range(stem.to_owned()..).take_while(|(event, _)| event.starts_with(stem));
         for (_, timer) in timers.filter(|(event, _)| matches(stem, event)) {

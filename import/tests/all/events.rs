@@ -73,6 +73,54 @@ fn an_event_that_only_a_left_out_part_raises_comes_from_outside() {
     }
 }
 
+/// By the standard, an event that the chart raises is the same as an event of this name from outside.
+#[test]
+fn an_event_that_the_chart_raises_can_come_from_outside_as_well() {
+    for raise in [
+        "<raise event=\"emergency\"/>",
+        "<send event=\"emergency\"/>",
+        "<send event=\"emergency\" target=\"#_internal\"/>",
+    ] {
+        let imported = chart(&format!(
+            "<state id=\"a\"><transition event=\"bump\">{raise}</transition>\
+             <transition event=\"emergency\" target=\"halt\"/></state><state id=\"halt\"/>"
+        ));
+        has(
+            &imported,
+            &[
+                "in emergency: Text;",
+                "on message emergency -> halt;",
+                "on signal emergency -> halt;",
+                "raise emergency;",
+            ],
+        );
+        assert_eq!(imported.ports.get("emergency").map(String::as_str), Some("emergency"));
+    }
+    // The region of a timer raises a signal. The timer of a state is none, and says so.
+    let clock = chart(
+        "<state id=\"a\"><transition event=\"go\"><send event=\"late\" delay=\"5s\"/></transition>\
+         <transition event=\"late\" target=\"b\"/></state><state id=\"b\"><transition event=\"late\" target=\"a\"/></state>",
+    );
+    has(&clock, &["on message late -> b;", "on signal late -> b;"]);
+    let timer = chart(
+        "<state id=\"a\"><onentry><send event=\"late\" delay=\"5s\"/></onentry>\
+         <transition event=\"late\" target=\"b\"/></state><state id=\"b\"/>",
+    );
+    has(&timer, &["on after 5 s -> b;"]);
+    assert!(
+        timer.remarks.iter().any(|remark| remark.text.contains("it cannot come from outside here")),
+        "{:?}",
+        timer.remarks
+    );
+    // Events of the platform do not come from outside.
+    let platform = chart(
+        "<state id=\"a\"><state id=\"c\"><transition event=\"go\" target=\"d\"/></state><final id=\"d\"/>\
+         <transition event=\"error.own\"><raise event=\"error.own\"/></transition></state>\
+         <state id=\"b\"><transition event=\"done.state.a\" target=\"a\"/></state>",
+    );
+    lacks(&platform, &["in done_state_a", "in error_own"]);
+}
+
 /// A state that invokes something takes the errors that the chart raises as well as the failure of its process.
 #[test]
 fn a_state_that_invokes_takes_raised_errors() {

@@ -65,7 +65,7 @@ pub(super) struct State {
 }
 
 /// The events from outside.
-pub(super) const OUTSIDE: [&str; 5] = ["e0", "e0.a", "e0.a.b", "e1", "e2"];
+pub(super) const OUTSIDE: [&str; 8] = ["e0", "e0.a", "e0.a.b", "e1", "e2", "i0", "i0.a", "i1"];
 const INSIDE: [&str; 3] = ["i0", "i0.a", "i1"];
 const TOKENS: [&str; 13] =
     ["e0", "e0", "e0.*", "e0.a", "e1", "e1", "e2", "i0", "i0.a", "i1", "*", "done.state", "done.state.*"];
