@@ -4,6 +4,7 @@
 //! port of its module. If a tree ticks a node repeatedly, such as a condition in a `ReactiveSequence`, the node becomes a
 //! process that watches.
 
+mod attribute;
 mod condition;
 mod context;
 mod control;

@@ -60,27 +60,7 @@ fn with_scripts<'a>(context: &mut Context<'a>, node: Node<'a>, piece: Piece) -> 
         let text = format!("`_onHalted` has no counterpart; its script is: {code}");
         context.remark(node, RemarkKind::Missing, text);
     }
-    for attribute in node.attributes().filter(|attribute| attribute.name().starts_with('_')) {
-        let known = [
-            "_while",
-            "_skipIf",
-            "_successIf",
-            "_failureIf",
-            "_onSuccess",
-            "_onFailure",
-            "_post",
-            "_onHalted",
-            "_autoremap",
-            "__autoremap",
-            "_fullpath",
-            "_uid",
-            "_description",
-        ];
-        if !known.contains(&attribute.name()) {
-            let text = format!("the attribute `{}` is not known", attribute.name());
-            context.remark(node, RemarkKind::Missing, text);
-        }
-    }
+    super::attribute::unread(context, node)?;
     Ok(piece)
 }
 

@@ -157,7 +157,7 @@ pub(super) fn if_then_else<'a>(context: &mut Context<'a>, node: Node<'a>) -> Res
 /// A `Switch` becomes a module with an outcome for each case.
 fn switch<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
     let arms: Vec<Node<'a>> = elements(node).collect();
-    let cases = tag(node).trim_start_matches("Switch").parse::<usize>().unwrap_or(0);
+    let cases = id_of(context, node)?.trim_start_matches("Switch").parse::<usize>().unwrap_or(0);
     if arms.len() != cases + 1 {
         let why = format!("<{}> has {} children; it needs one for each case, and a default", tag(node), arms.len());
         return Err(context.error(node, why));
@@ -194,6 +194,7 @@ fn switch<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Import
 
 /// The last child cleans up after a failure of the others.
 fn try_catch<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, ImportError> {
+    super::attribute::catch_on_halt(context, node);
     let mut pieces = children(context, node, Around::Sequence)?;
     let (Some(last), false) = (pieces.pop(), pieces.is_empty()) else {
         return Err(context.error(node, "<TryCatch> needs two children at least"));

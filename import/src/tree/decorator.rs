@@ -99,7 +99,12 @@ pub(super) fn content<'a>(
             Some(_) | None => piece,
         },
         "RunOnce" => {
-            let text = "this node runs each time; in the tree, it runs once, and later ticks are skipped";
+            let later = match node.attribute("then_skip").map(str::trim) {
+                None | Some("true" | "1") => "are skipped",
+                Some("false" | "0") => "return its first result",
+                Some(_) => "are skipped, or return its first result",
+            };
+            let text = format!("this node runs each time; in the tree, it runs once, and later ticks {later}");
             context.remark(node, RemarkKind::Differs, text);
             piece
         }

@@ -1,10 +1,11 @@
 //! Nodes of Nav2 for behavior trees.
 
+use super::attribute::unread;
 use super::condition::has_conditions;
 use super::context::{Around, Context, children, node as child_node, node_of_its_own};
 use super::control::fallback;
 use super::decorator::{RETRIES_MAX, number, only_child};
-use super::leaf::key_of;
+use super::leaf::{id_of, key_of};
 use super::piece::Piece;
 use super::reactive::watcher_of_sure;
 use crate::remark::RemarkKind;
@@ -93,9 +94,10 @@ fn pipeline<'a>(context: &mut Context<'a>, node: Node<'a>) -> Result<Piece, Impo
     let mut steps = Vec::new();
     for (index, &child) in nodes.iter().enumerate() {
         let is_last = index + 1 == nodes.len();
-        let is_repeated = !is_last && tag(child) == "RateController" && !has_conditions(child);
+        let is_repeated = !is_last && id_of(context, child)? == "RateController" && !has_conditions(child);
         steps.push(match period(child).filter(|_| is_repeated) {
             Some(period) => {
+                unread(context, child)?;
                 let inner = only_child(context, child)?;
                 let piece = node_of_its_own(context, inner, Around::Sequence)?;
                 let beside = Piece::joined(";;", vec![Piece::wait(period), piece.clone()]);

@@ -1,5 +1,6 @@
 //! All tests of `import`, as one program.
 
+mod attributes;
 mod behavior;
 mod cases;
 mod charts;
