@@ -77,7 +77,7 @@ pub(crate) fn import(file: &language::Source, root: Node<'_>) -> Result<Imported
     let head = top(&mut writer, root);
     let states = state::inside(&mut writer, root)?;
     let states = with_clocks(&mut writer, states) + &event::dummies(&writer.model);
-    let declared = declarations(&mut writer);
+    let declared = declarations(&mut writer, root);
     let (modules, instances) = runs(&writer);
     let description = plain(root.attribute("name").unwrap_or(&file.name));
     let instance = Names::default().take(&crate::name::snake(&title));
@@ -137,9 +137,22 @@ fn top(writer: &mut Writer<'_>, root: Node<'_>) -> String {
     text
 }
 
+/// A remark that longer names of events have no ports of their own.
+fn longer_names(writer: &mut Writer<'_>, root: Node<'_>) -> String {
+    let first = writer.model.events.iter().find_map(|(event, known)| {
+        let port = known.port.clone().filter(|_| event != "*")?;
+        Some((plain(event), port))
+    });
+    let Some((event, port)) = first else { return String::new() };
+    let why = format!(
+        "a transition for `{event}` also takes longer names, such as `{event}.x`; here, send such an event to the port `{port}`"
+    );
+    writer.remark(root, RemarkKind::Differs, why)
+}
+
 /// The ports and the variables.
-fn declarations(writer: &mut Writer<'_>) -> String {
-    let mut text = String::new();
+fn declarations(writer: &mut Writer<'_>, root: Node<'_>) -> String {
+    let mut text = longer_names(writer, root);
     for (event, known) in &writer.model.events {
         if let Some(port) = &known.port {
             let origin = match event.as_str() {

@@ -130,3 +130,18 @@ fn a_state_that_invokes_takes_raised_errors() {
     );
     has(&imported, &["on aborted -> b;", "on signal error_own -> b;", "raise error_own;"]);
 }
+
+/// A transition takes all names that begin with its name, but only the names in the chart have ports.
+#[test]
+fn a_chart_with_events_from_outside_says_once_where_longer_names_go() {
+    let longer = |imported: &Imported| {
+        imported.remarks.iter().filter(|remark| remark.text.contains("also takes longer names")).count()
+    };
+    let several = chart(
+        "<state id=\"a\"><transition event=\"foo bar\" target=\"b\"/></state><state id=\"b\"><transition event=\"foo.x\" target=\"a\"/></state>",
+    );
+    assert_eq!(longer(&several), 1, "{:?}", several.remarks);
+    has(&several, &["such as `bar.x`; here, send such an event to the port `bar`"]);
+    let none = chart("<state id=\"a\"><transition event=\"*\" target=\"b\"/></state><state id=\"b\"/>");
+    assert_eq!(longer(&none), 0, "{:?}", none.remarks);
+}
