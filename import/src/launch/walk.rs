@@ -299,6 +299,12 @@ impl Importer<'_> {
             "set_env" | "unset_env" => {
                 let name = self.needed(entity, "name")?;
                 let value = if entity.kind == "set_env" { Some(self.needed(entity, "value")?) } else { None };
+                if value.is_none() {
+                    let why = format!(
+                        "`{name}` is not set here, but its node can still pass it on: a spec cannot remove a variable"
+                    );
+                    self.missing(entity, &why);
+                }
                 self.scopes.top().environment.insert(name, value);
                 Ok(())
             }

@@ -312,3 +312,30 @@ fn many_changed_files_are_refused_or_become_specs() {
         becomes_a_spec("self.launch.xml", &xml(&inside), &format!("seed {seed}"));
     }
 }
+
+#[test]
+fn the_environment_is_that_of_the_place_in_the_file() {
+    let node = |name: &str| format!("<node pkg=\"p\" exec=\"{name}\"/>");
+    let set = "<set_env name=\"A\" value=\"1\"/>";
+    let text = format!(
+        "{}{set}<group>{}<unset_env name=\"A\"/><set_env name=\"B\" value=\"2\"/>{}</group>{}",
+        node("first"),
+        node("second"),
+        node("third"),
+        node("fourth")
+    );
+    let text = imported(&[("a.launch.xml", &xml(&text))], &[]).expect("good").text;
+    let of = |name: &str| {
+        let (_, module) = text.split_once(&format!("/// `{name}`")).expect("it has a module");
+        module.split("\n}").next().unwrap_or_default().to_owned()
+    };
+    assert!(!of("first").contains("env{"), "{text}");
+    assert!(of("second").contains("A = \"1\"") && !of("second").contains("B = "), "{text}");
+    assert!(!of("third").contains("A = ") && of("third").contains("B = \"2\""), "{text}");
+    assert!(of("fourth").contains("A = \"1\"") && !of("fourth").contains("B = "), "{text}");
+    // A variable from outside stays, and a remark says so.
+    let missing = remarks(&format!("<unset_env name=\"X\"/>{}", node("e")), RemarkKind::Missing);
+    assert!(missing.iter().any(|text| text.contains("`X` is not set here")), "{missing:?}");
+    let missing = remarks(&format!("{set}{}", node("e")), RemarkKind::Missing);
+    assert!(missing.is_empty(), "{missing:?}");
+}
