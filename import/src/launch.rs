@@ -18,6 +18,7 @@ mod value;
 mod walk;
 mod words;
 mod yaml;
+mod yaml_value;
 
 use crate::Imported;
 use crate::xml::{ImportError, Node};

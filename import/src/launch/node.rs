@@ -1,7 +1,7 @@
 //! The programs for nodes, for launch files in Python, and for other commands.
 
 use super::entity::Entity;
-use super::parameter::{Literal, Type, is_name};
+use super::parameter::{Literal, is_name};
 use super::program::{Ends, Parameter, Program};
 use super::scope::inside;
 use super::settings::Settings;
@@ -113,9 +113,10 @@ pub(super) fn launch_file(
     }
     let (mut parameters, mut words) = (BTreeMap::new(), Vec::new());
     for (name, value) in arguments {
-        let link = importer.link(&value).filter(|(_, literal)| literal.kind == Type::Text);
+        let link = importer.link(&value).filter(|(_, literal)| literal.is_text());
         if let Some((given, value)) = link.filter(|_| is_name(&name)) {
-            parameters.insert(name.clone(), Parameter { name, value, given: Some(importer.given(given)) });
+            let given = Some(importer.given(given, value.clone()));
+            parameters.insert(name.clone(), Parameter { name, value, given });
             continue;
         }
         let found = importer.fixed(value).and_then(|text| {

@@ -1,82 +1,113 @@
 //! Values of parameters in the form of a spec.
 
+use super::yaml_value::{Scalar, YamlValue, python_float, python_integer};
 use crate::name::{is_hidden, quoted};
 
-/// The type of a parameter in a spec.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Type {
-    Number,
-    Truth,
-    Text,
-    /// Without a type: ROS 2 reads the value as YAML.
-    Any,
-}
-
 /// A value with its type.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Literal {
-    pub(super) kind: Type,
-    /// As the spec writes it.
-    pub(super) text: String,
-}
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Literal(YamlValue);
 
 impl Literal {
     /// Returns a value by the rules with which `launch` reads one, or the type that a file says; none if a spec cannot have it.
-    ///
-    /// Source: YAML 1.1, as PyYAML reads it.
     pub(super) fn of(text: &str, wanted: Option<&str>) -> Option<Self> {
         if text.chars().any(is_hidden) {
             return None;
         }
-        let is_integer = |text: &str| {
-            let digits = text.strip_prefix('-').unwrap_or(text);
-            (1..=15).contains(&digits.len())
-                && digits.bytes().all(|byte| byte.is_ascii_digit())
-                && (digits == "0" || !digits.starts_with('0'))
+        let value = match wanted {
+            Some("str") => YamlValue::One(Scalar::Text(text.to_owned())),
+            Some("int") => YamlValue::One(Scalar::Integer(python_integer(text)?)),
+            Some("float") => YamlValue::One(Scalar::Float(python_float(text)?)),
+            Some("bool") => YamlValue::of(text).filter(|value| matches!(value, YamlValue::One(Scalar::Truth(_))))?,
+            Some(_) | None => YamlValue::of(text)?,
         };
-        let number = text.parse::<f64>().ok().filter(|found| found.is_finite() && found.abs() < 1e15);
-        let number = number.filter(|found| *found == 0.0 || found.abs() > 1e-15);
-        let truth = match text {
-            "true" | "True" | "TRUE" | "yes" | "Yes" | "YES" | "on" | "On" | "ON" => Some("true"),
-            "false" | "False" | "FALSE" | "no" | "No" | "NO" | "off" | "Off" | "OFF" => Some("false"),
-            _ => None,
-        };
-        let plain = |kind, text: &str| Some(Self { kind, text: text.to_owned() });
-        match (wanted, truth, number) {
-            (Some("str"), _, _) => plain(Type::Text, &quoted(text)),
-            (Some("float"), _, Some(number)) => plain(Type::Number, &format!("{number}")),
-            (Some("float" | "int" | "bool"), None, None) => None,
-            (Some("int"), ..) if !is_integer(text) => None,
-            (_, Some(truth), _) => plain(Type::Truth, truth),
-            (_, None, Some(_)) if is_integer(text) => plain(Type::Any, text),
-            // YAML 1.1 has no numbers such as `1e5`.
-            (_, None, Some(number)) if text.contains('.') => plain(Type::Number, &format!("{number}")),
-            _ if is_for_ros(text) => plain(Type::Any, &quoted(text)),
-            _ => plain(Type::Text, &quoted(text)),
-        }
+        // ROS 2 does not accept an empty array on a command line.
+        (value != YamlValue::List(Vec::new())).then_some(Self(value))
     }
 
     /// Returns a value that ROS 2 gets as this text.
     pub(super) fn text(text: &str) -> Option<Self> {
-        (!text.chars().any(is_hidden)).then(|| Self { kind: Type::Text, text: quoted(text) })
+        Self::of(text, Some("str"))
+    }
+
+    /// Returns whether it is a text.
+    pub(super) fn is_text(&self) -> bool {
+        matches!(self.0, YamlValue::One(Scalar::Text(_)))
+    }
+
+    /// Returns whether a spec can write it: its numbers are finite and have at most 15 digits.
+    pub(super) fn is_of_spec(&self) -> bool {
+        let is_fit = |scalar: &Scalar| match scalar {
+            Scalar::Integer(number) => number.unsigned_abs() < 1_000_000_000_000_000,
+            Scalar::Float(number) => *number == 0.0 || number.abs() > 1e-15 && number.abs() < 1e15,
+            Scalar::Truth(_) | Scalar::Text(_) => true,
+        };
+        self.scalars().iter().all(is_fit)
+    }
+
+    fn scalars(&self) -> &[Scalar] {
+        match &self.0 {
+            YamlValue::One(scalar) => std::slice::from_ref(scalar),
+            YamlValue::List(scalars) => scalars,
+        }
+    }
+
+    /// The items, each in this form.
+    fn written(&self, form: impl Fn(&Scalar) -> String) -> String {
+        let items: Vec<String> = self.scalars().iter().map(form).collect();
+        match self.0 {
+            YamlValue::One(_) => items.concat(),
+            YamlValue::List(_) => format!("[{}]", items.join(", ")),
+        }
     }
 
     /// Returns a parameter of a module or of `main`.
     pub(super) fn declared(&self, name: &str) -> String {
-        let kind = match self.kind {
-            Type::Number => ": Number",
-            Type::Truth => ": Truth",
-            Type::Text => ": Text",
-            Type::Any => "",
+        // An integer has no type: ROS 2 tells it from other numbers.
+        let kind = match self.scalars().first() {
+            Some(Scalar::Float(_)) => "Number",
+            Some(Scalar::Truth(_)) => "Truth",
+            Some(Scalar::Text(_)) => "Text",
+            Some(Scalar::Integer(_)) | None => "",
         };
-        format!("{name}{kind} = {}", self.text)
+        let many = if matches!(self.0, YamlValue::List(_)) && !kind.is_empty() { "[]" } else { "" };
+        let colon = if kind.is_empty() { "" } else { ": " };
+        let value = self.written(|scalar| match scalar {
+            Scalar::Integer(number) => number.to_string(),
+            Scalar::Float(number) => number.to_string(),
+            Scalar::Truth(truth) => truth.to_string(),
+            Scalar::Text(text) => quoted(text),
+        });
+        format!("{name}{colon}{kind}{many} = {value}")
+    }
+
+    /// Returns the value as YAML that ROS 2 reads with the same type.
+    pub(super) fn yaml(&self) -> String {
+        self.written(|scalar| match scalar {
+            Scalar::Integer(number) => number.to_string(),
+            Scalar::Float(number) if number.is_nan() => ".nan".to_owned(),
+            Scalar::Float(number) if number.is_infinite() => {
+                if *number > 0.0 {
+                    ".inf".to_owned()
+                } else {
+                    "-.inf".to_owned()
+                }
+            }
+            Scalar::Float(number) => format!("{number:?}"),
+            Scalar::Truth(truth) => truth.to_string(),
+            Scalar::Text(text) => yaml_text(text),
+        })
     }
 }
 
-/// Returns whether only ROS 2 reads a text as a list or a number.
-fn is_for_ros(text: &str) -> bool {
-    let is_octal = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    text.starts_with('[') || is_octal || matches!(text, ".inf" | "-.inf" | ".nan")
+/// Returns a text that ROS 2 reads as a text, also if it looks like something else.
+fn yaml_text(text: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_/-.~".contains(c);
+    let is_sure = text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '/') && text.chars().all(is_plain);
+    if is_sure && Literal::of(text, None).is_some_and(|found| found.is_text()) && text.len() > 1 {
+        text.to_owned()
+    } else {
+        format!("'{}'", text.replace('\'', "''"))
+    }
 }
 
 /// Returns whether a parameter of ROS 2 can be one of a module.
@@ -94,25 +125,60 @@ mod tests {
 
     #[test]
     fn values_have_the_types_of_yaml() {
-        for (text, wanted, kind, expected) in [
-            ("5", None, Type::Any, "5"),
-            ("-5", None, Type::Any, "-5"),
-            ("5", Some("str"), Type::Text, "\"5\""),
-            ("5", Some("float"), Type::Number, "5"),
-            ("5.0", None, Type::Number, "5"),
-            ("-0.5", None, Type::Number, "-0.5"),
-            ("1e5", None, Type::Text, "\"1e5\""),
-            ("007", None, Type::Any, "\"007\""),
-            ("True", None, Type::Truth, "true"),
-            ("off", None, Type::Truth, "false"),
-            ("base \"link\"", None, Type::Text, "\"base \\\"link\\\"\""),
-            ("[1.0, 2.0]", None, Type::Any, "\"[1.0, 2.0]\""),
-            ("", None, Type::Text, "\"\""),
+        for (text, wanted, expected) in [
+            ("5", None, "x = 5"),
+            ("-5", None, "x = -5"),
+            ("0x46d", None, "x = 1133"),
+            ("5", Some("str"), "x: Text = \"5\""),
+            ("'5'", None, "x: Text = \"5\""),
+            ("5", Some("float"), "x: Number = 5"),
+            ("1e5", Some("float"), "x: Number = 100000"),
+            ("5.0", None, "x: Number = 5"),
+            ("-0.5", None, "x: Number = -0.5"),
+            ("1e5", None, "x: Text = \"1e5\""),
+            ("007", None, "x = 7"),
+            ("007", Some("int"), "x = 7"),
+            ("010", Some("int"), "x = 10"),
+            ("True", None, "x: Truth = true"),
+            ("off", Some("bool"), "x: Truth = false"),
+            ("base \"link\"", None, "x: Text = \"base \\\"link\\\"\""),
+            ("[1.0, 2.0]", None, "x: Number[] = [1, 2]"),
+            ("[1, 2]", None, "x = [1, 2]"),
+            ("[a, b c]", None, "x: Text[] = [\"a\", \"b c\"]"),
+            ("", None, "x: Text = \"\""),
         ] {
-            assert_eq!(Literal::of(text, wanted), Some(Literal { kind, text: expected.to_owned() }), "{text}");
+            assert_eq!(Literal::of(text, wanted).map(|found| found.declared("x")).as_deref(), Some(expected), "{text}");
         }
-        for (text, wanted) in [("x", Some("int")), ("x", Some("float")), ("1.5", Some("int")), ("a\nb", None)] {
+        for (text, wanted) in [
+            ("x", Some("int")),
+            ("0x5", Some("int")),
+            ("x", Some("float")),
+            ("1.5", Some("int")),
+            ("1", Some("bool")),
+            ("a\nb", None),
+            ("~", None),
+            ("[]", None),
+        ] {
             assert_eq!(Literal::of(text, wanted), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_value_of_the_command_line_keeps_its_type() {
+        for (text, is_of_spec, expected) in [
+            ("5.0", true, "5.0"),
+            ("1_000", true, "1000"),
+            ("'yes'", true, "'yes'"),
+            ("base_link", true, "base_link"),
+            (".Inf", false, ".inf"),
+            ("-.inf", false, "-.inf"),
+            (".NaN", false, ".nan"),
+            ("12345678901234567", false, "12345678901234567"),
+            ("[0x10, 1:30]", true, "[16, 90]"),
+            ("[.inf, 1.0]", false, "[.inf, 1.0]"),
+        ] {
+            let found = Literal::of(text, None).expect("launch reads it");
+            assert_eq!((found.is_of_spec(), found.yaml().as_str()), (is_of_spec, expected), "{text}");
         }
     }
 }

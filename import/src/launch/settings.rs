@@ -1,7 +1,7 @@
 //! The settings of a node: parameters, parameter files, and remapped names.
 
 use super::entity::Entity;
-use super::parameter::{Literal, Type, is_name};
+use super::parameter::{Literal, is_name};
 use super::program::Parameter;
 use super::scope::Setting;
 use super::value::Value;
@@ -35,18 +35,17 @@ impl Importer<'_> {
     pub(super) fn link(&self, value: &Value) -> Option<(usize, Literal)> {
         let number = *value.arguments.first().filter(|_| value.is_argument && value.open.is_none())?;
         let argument = self.arguments.get(number).filter(|argument| argument.value.text == value.text)?;
-        Some((number, Literal::of(&argument.value.text, None)?))
+        let literal = Literal::of(&argument.value.text, None).filter(Literal::is_of_spec)?;
+        Some((number, literal))
     }
 
-    /// Returns the parameter of `main` for an argument.
-    pub(super) fn given(&mut self, number: usize) -> String {
+    /// Returns the parameter of `main` for an argument with this value.
+    pub(super) fn given(&mut self, number: usize, literal: Literal) -> String {
         let argument = &mut self.arguments[number];
         if let Some((name, _)) = &argument.parameter {
             return name.clone();
         }
         let name = self.names.take(&identifier(&argument.name));
-        let literal =
-            Literal::of(&argument.value.text, None).unwrap_or(Literal { kind: Type::Text, text: "\"\"".into() });
         argument.parameter = Some((name.clone(), literal));
         name
     }
@@ -140,27 +139,17 @@ fn parameter(
         && let Some((number, literal)) = linked
         && Literal::of(&value.text, kind).as_ref() == Some(&literal)
     {
-        let parameter = Parameter { name: name.to_owned(), value: literal, given: Some(importer.given(number)) };
+        let parameter =
+            Parameter { name: name.to_owned(), value: literal.clone(), given: Some(importer.given(number, literal)) };
         return Ok(Ok(parameter));
     }
     let text = importer.fixed(value)?;
     let value = Literal::of(&text, kind).ok_or_else(|| format!("a spec cannot have the value `{text}`"))?;
-    if is_name(name) {
+    if is_name(name) && value.is_of_spec() {
         return Ok(Ok(Parameter { name: name.to_owned(), value, given: None }));
     }
-    let text = if value.kind == Type::Text { yaml_text(&text) } else { text };
+    let text = value.yaml();
     words::written(&format!("{name}:={text}")).map(|_| Err(text))
-}
-
-/// Returns a text that ROS 2 reads as a text, also if it looks like something else.
-fn yaml_text(text: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_/-.~".contains(c);
-    let is_sure = text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '/') && text.chars().all(is_plain);
-    if is_sure && Literal::of(text, None).is_some_and(|found| found.kind == Type::Text) && text.len() > 1 {
-        text.to_owned()
-    } else {
-        format!("'{}'", text.replace('\'', "''"))
-    }
 }
 
 /// Other names, as an item of the module or as words of the command line.

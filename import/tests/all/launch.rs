@@ -313,6 +313,52 @@ fn many_changed_files_are_refused_or_become_specs() {
     }
 }
 
+/// The type of a value is that of `yaml.safe_load`, as `ros2 launch` reads it.
+#[test]
+fn values_of_parameters_have_the_type_of_yaml_1_1() {
+    let node = |value: &str| format!("<node pkg=\"p\" exec=\"e\"><param name=\"v\" value=\"{value}\"/></node>");
+    for (value, expected) in [
+        ("0x46d", "v = 1133"),
+        ("1_000", "v = 1000"),
+        ("012", "v = 10"),
+        ("0b11", "v = 3"),
+        ("+5", "v = 5"),
+        ("1:30", "v = 90"),
+        ("1e5", "v: Text = \"1e5\""),
+        ("yes", "v: Truth = true"),
+        ("off", "v: Truth = false"),
+        ("'5'", "v: Text = \"5\""),
+        ("[0x10, 2]", "v = [16, 2]"),
+        ("[1.0, 2.5]", "v: Number[] = [1, 2.5]"),
+        ("[a, '1']", "v: Text[] = [\"a\", \"1\"]"),
+        ("[true, no]", "v: Truth[] = [true, false]"),
+        (".inf", "-p v:=.inf"),
+        ("-.Inf", "-p v:=-.inf"),
+        (".nan", "-p v:=.nan"),
+        ("12345678901234567", "-p v:=12345678901234567"),
+    ] {
+        check(&node(value), &[expected]);
+        let argument = format!("<arg name=\"a\" default=\"{value}\"/>{}", node("$(var a)"));
+        check(&argument, &[&expected.replacen("v", if expected.starts_with("-p") { "v" } else { "a" }, 1)]);
+    }
+    // The node gets a value of the same type.
+    for (value, expected) in
+        [("0x46d", "1133"), ("5.0", "5.0"), ("[1.0, 2.0]", "[1.0, 2.0]"), ("[a, '1']", r#"["a", "1"]"#)]
+    {
+        for text in [node(value), format!("<arg name=\"a\" default=\"{value}\"/>{}", node("$(var a)"))] {
+            let text = imported(&[("a.launch.xml", &xml(&text))], &[]).expect("good").text;
+            let plan =
+                compile(&Source::new("a.dca", text.as_str()), &[], &Options::named("a")).plan.expect("a good spec");
+            let given: Vec<String> = plan.leaves[0].arguments.iter().map(|one| one.value.bare()).collect();
+            assert_eq!(given, [expected], "{text}");
+        }
+    }
+    for value in ["~", "null", "2026-01-02", "[]", "{a: 1}", "[1, 2.0]"] {
+        let missing = remarks(&node(value), RemarkKind::Missing);
+        assert!(missing.iter().any(|text| text.contains("parameter `v` is left out")), "{value}: {missing:?}");
+    }
+}
+
 #[test]
 fn the_environment_is_that_of_the_place_in_the_file() {
     let node = |name: &str| format!("<node pkg=\"p\" exec=\"{name}\"/>");
