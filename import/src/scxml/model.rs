@@ -160,15 +160,17 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The elements of a chart, without the elements of the charts that it invokes.
+/// The elements of a chart, without the content of elements that the chart does not know or invokes.
 fn own_elements(root: Node<'_>) -> Vec<Node<'_>> {
     let mut found = Vec::new();
     let mut waiting = vec![root];
     while let Some(node) = waiting.pop() {
         found.push(node);
-        if tag(node) != "invoke" && tag(node) != "content" && tag(node) != "data" {
-            let inner: Vec<Node<'_>> = crate::xml::elements(node).collect();
-            waiting.extend(inner.into_iter().rev());
+        let has_states = matches!(tag(node), "scxml" | "state" | "parallel" | "final");
+        let is_known = has_states || is_state(node);
+        if is_known || matches!(tag(node), "initial" | "transition" | "onentry" | "onexit" | "datamodel") {
+            let inner = crate::xml::elements(node).filter(|inner| has_states || !is_state(*inner));
+            waiting.extend(inner.collect::<Vec<_>>().into_iter().rev());
         }
     }
     found

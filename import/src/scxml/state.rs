@@ -164,5 +164,12 @@ fn invoke(writer: &mut Writer<'_>, node: Node<'_>, remarks: &mut String) -> Stri
         "<invoke> is the run of `{instance}` here: `{module}` is a program or an activity that you have to write; it gets no data"
     );
     *remarks += &writer.remark(node, RemarkKind::Missing, why);
+    if node.attribute("autoforward") == Some("true") {
+        let why = format!("`autoforward` has no counterpart: `{instance}` gets no events of the chart");
+        *remarks += &writer.remark(node, RemarkKind::Missing, why);
+    }
+    if let Some(finalize) = elements(node).find(|child| tag(*child) == "finalize") {
+        *remarks += &writer.remark(finalize, RemarkKind::Missing, "<finalize> has no counterpart");
+    }
     instance
 }

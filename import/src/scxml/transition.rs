@@ -78,14 +78,14 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
             triggers.push(trigger);
         }
     };
-    let invoked = elements(source).filter(|child| tag(*child) == "invoke").count();
+    let invokes: Vec<Node<'_>> = elements(source).filter(|child| tag(*child) == "invoke").collect();
     for stem in stems(tokens) {
         let mut is_known = false;
         if stem == "*" || stem.is_empty() {
             add("any".into());
             continue;
         }
-        if invoked > 0 && matches("error", stem) {
+        if !invokes.is_empty() && matches("error", stem) {
             *remarks += &writer.remark(
                 node,
                 RemarkKind::Differs,
@@ -94,7 +94,9 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
             add("aborted".into());
             is_known = true;
         }
-        if invoked == 1 && matches("done.invoke", stem) {
+        if let [invoke] = invokes.as_slice()
+            && is_end_of(*invoke, stem)
+        {
             add("done".into());
             is_known = true;
         }
@@ -121,6 +123,13 @@ fn triggers(writer: &mut Writer<'_>, node: Node<'_>, source: Node<'_>, remarks: 
         }
     }
     triggers
+}
+
+/// Whether a token of a transition takes the end of a process that its state invokes.
+fn is_end_of(invoke: Node<'_>, stem: &str) -> bool {
+    // Without an id, the platform chooses one.
+    let end = invoke.attribute("id").map(|id| format!("done.invoke.{id}"));
+    matches("done.invoke", stem) && end.is_none_or(|end| matches(stem, &end))
 }
 
 /// Returns the actions that report the completion of a state to other states, as a part of this state or of a final state in it.

@@ -145,3 +145,34 @@ fn a_chart_with_events_from_outside_says_once_where_longer_names_go() {
     let none = chart("<state id=\"a\"><transition event=\"*\" target=\"b\"/></state><state id=\"b\"/>");
     assert_eq!(longer(&none), 0, "{:?}", none.remarks);
 }
+
+/// The end of an invoked process has the id of its `<invoke>`, and the other parts of an `<invoke>` have remarks.
+#[test]
+fn the_end_of_another_invocation_is_not_the_end_of_this_one() {
+    let imported = chart(
+        "<state id=\"a\"><invoke id=\"i\" src=\"x\" autoforward=\"true\"><finalize/></invoke>\
+         <transition event=\"done.invoke.j\" target=\"c\"/><transition event=\"done.invoke.i\" target=\"b\"/></state>\
+         <state id=\"b\"/><state id=\"c\"/>",
+    );
+    has(&imported, &["on done -> b;", "nothing here sends the event `done.invoke.j`"]);
+    lacks(&imported, &["on done -> c;"]);
+    has(&imported, &["`autoforward` has no counterpart", "<finalize> has no counterpart"]);
+    for id in ["", "id=\"i\""] {
+        let imported = chart(&format!(
+            "<state id=\"a\"><invoke {id} src=\"x\"/><transition event=\"done.invoke\" target=\"b\"/></state><state id=\"b\"/>"
+        ));
+        has(&imported, &["on done -> b;"]);
+    }
+}
+
+/// A processor does not look into an element that it does not know.
+#[test]
+fn a_state_in_an_unknown_element_is_none() {
+    let text =
+        "<scxml><state id=\"a\"><transition event=\"go\" target=\"z\"/></state><foo><state id=\"z\"/></foo></scxml>";
+    let error = import(&Source::new("chart.scxml", text), &[]).expect_err("it has no state `z`");
+    assert_eq!(error.why, "no state has the id `z`");
+    let imported = chart("<state id=\"a\"/><foo><transition event=\"go\"/><state id=\"a\"/></foo>");
+    lacks(&imported, &["in go"]);
+    has(&imported, &["<foo> has no counterpart"]);
+}
