@@ -3,7 +3,7 @@
 use super::entity::{Attribute, Entity, Place, kind};
 use crate::xml::{DEPTH_MAX, ImportError, NODES_MAX, TEXT_MAX};
 use language::Source;
-use saphyr_parser::{Event, Marker, Parser};
+use saphyr_parser::{Event, Marker, Parser, ScalarStyle};
 
 /// A value with its place.
 #[derive(Debug)]
@@ -14,9 +14,16 @@ struct Yaml {
 
 #[derive(Debug)]
 enum Content {
-    Scalar(String),
+    Scalar(Scalar),
     List(Vec<Yaml>),
     Map(Vec<(String, Yaml)>),
+}
+
+#[derive(Debug)]
+struct Scalar {
+    text: String,
+    /// Whether it stands in quotes, so that it is a text in a list.
+    is_quoted: bool,
 }
 
 /// A list or a map that is not complete.
@@ -79,7 +86,11 @@ impl Reader<'_> {
                 Event::Alias(_) => {
                     return Err(self.error(place, "aliases (`*name`) are not supported; write the value again"));
                 }
-                Event::Scalar(text, ..) => Some(Yaml { place, content: Content::Scalar(text.into_owned()) }),
+                Event::Scalar(text, style, ..) => {
+                    let is_quoted = matches!(style, ScalarStyle::SingleQuoted | ScalarStyle::DoubleQuoted);
+                    let scalar = Scalar { text: text.into_owned(), is_quoted };
+                    Some(Yaml { place, content: Content::Scalar(scalar) })
+                }
                 Event::SequenceStart(..) | Event::MappingStart(..) => {
                     let is_list = matches!(event, Event::SequenceStart(..));
                     let content = if is_list { Content::List(Vec::new()) } else { Content::Map(Vec::new()) };
@@ -111,6 +122,7 @@ impl Reader<'_> {
                 let Content::Scalar(key) = value.content else {
                     return Err(self.error(place, "a key must be a text here"));
                 };
+                let key = key.text;
                 if entries.iter().any(|(known, _)| *known == key) {
                     return Err(self.error(place, format!("the key `{key}` occurs twice")));
                 }
@@ -144,7 +156,7 @@ impl Reader<'_> {
             Content::List(items) => {
                 entity.children = self.actions(Yaml { place: inside, content: Content::List(items) })?;
             }
-            Content::Scalar(text) if text.is_empty() || text == "~" || text == "null" => {}
+            Content::Scalar(scalar) if matches!(scalar.text.as_str(), "" | "~" | "null") => {}
             Content::Scalar(_) => {
                 return Err(self.error(inside, format!("`{name}` needs keys, such as `name: …`, each on its line")));
             }
@@ -186,12 +198,12 @@ impl Reader<'_> {
 /// Returns a value in one line. A text in a list has quotes, so that it stays one text.
 fn flow(content: &Content) -> String {
     match content {
-        Content::Scalar(text) => text.clone(),
+        Content::Scalar(scalar) => scalar.text.clone(),
         Content::Map(_) => String::new(),
         Content::List(items) => {
             let is_plain = |text: &str| text.chars().all(|c| c.is_ascii_alphanumeric() || "._-+".contains(c));
             let item = |item: &Yaml| match &item.content {
-                Content::Scalar(text) if !is_plain(text) || text.is_empty() => {
+                Content::Scalar(Scalar { text, is_quoted }) if *is_quoted || !is_plain(text) || text.is_empty() => {
                     format!("'{}'", text.replace('\'', "''"))
                 }
                 content @ (Content::Scalar(_) | Content::List(_) | Content::Map(_)) => flow(content),

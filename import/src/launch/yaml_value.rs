@@ -66,7 +66,8 @@ impl Scalar {
         let text = text.split_once(" #").map_or(text, |(before, _comment)| before.trim_end());
         let is_map = text.starts_with('{') && text.ends_with('}') || text.contains(": ") || text.ends_with(':');
         let is_nothing = text.starts_with('#') || matches!(text, "~" | "null" | "Null" | "NULL");
-        if is_map || is_nothing || is_date(text) {
+        let is_block = text == "-" || text.starts_with("- ");
+        if is_map || is_nothing || is_block || is_date(text) {
             return None;
         }
         match text {
@@ -93,14 +94,20 @@ fn quoted(text: &str) -> Option<String> {
     }
 }
 
-/// Whether a text is a date or a time, perhaps with more behind it.
+/// Whether a text is a date, or a date and a time.
 fn is_date(text: &str) -> bool {
-    let digits = |part: Option<&str>, counts: std::ops::RangeInclusive<usize>| {
-        part.is_some_and(|part| counts.contains(&part.len()) && part.bytes().all(|byte| byte.is_ascii_digit()))
-    };
-    let day = text.split([' ', 't', 'T']).next().unwrap_or_default();
-    let mut parts = day.split('-');
-    digits(parts.next(), 4..=4) && digits(parts.next(), 1..=2) && digits(parts.next(), 1..=2) && parts.next().is_none()
+    let (day, time) = text.split_once([' ', 't', 'T']).map_or((text, None), |(day, time)| (day, Some(time.trim())));
+    let parts: Vec<&str> = day.split('-').collect();
+    let has_digits = parts.iter().all(|part| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit()));
+    let lengths: Vec<usize> = parts.iter().map(|part| part.len()).collect();
+    has_digits
+        && match time {
+            None => lengths == [4, 2, 2],
+            Some(time) => {
+                let is_time = time.starts_with(|found: char| found.is_ascii_digit()) && time.matches(':').count() >= 2;
+                is_time && matches!(lengths.as_slice(), [4, 1 | 2, 1 | 2])
+            }
+        }
 }
 
 /// Removes the sign, and returns whether it was a minus.
@@ -256,14 +263,26 @@ mod tests {
         }
         assert!(matches!(one(".NaN"), Some(Scalar::Float(value)) if value.is_nan()));
         for text in
-            ["08", "0o17", "1e5", "1.5e3", "-.5", "1:60", "0x", "-.nan", "inf", "x", "", "a:b", "[1", "1__x", "+", "-"]
+            ["08", "0o17", "1e5", "1.5e3", "-.5", "1:60", "0x", "-.nan", "inf", "x", "", "a:b", "[1", "1__x", "+"]
         {
             assert_eq!(one(text), Some(Scalar::Text(text.to_owned())), "{text}");
         }
         for (text, inner) in [("'5'", "5"), ("\"true\"", "true"), ("'it''s'", "it's"), ("a # b", "a")] {
             assert_eq!(one(text), Some(Scalar::Text(inner.to_owned())), "{text}");
         }
-        for text in ["~", "null", "2020-01-02", "{a: 1}", "a: b", "# x", "99999999999999999999", "[1, x]", "[[1]]"] {
+        for text in [
+            "~",
+            "null",
+            "-",
+            "2020-01-02",
+            "2020-01-02T10:00:00Z",
+            "{a: 1}",
+            "a: b",
+            "# x",
+            "99999999999999999999",
+            "[1, x]",
+            "[[1]]",
+        ] {
             assert_eq!(YamlValue::of(text), None, "{text}");
         }
     }

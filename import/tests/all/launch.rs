@@ -341,6 +341,11 @@ fn values_of_parameters_have_the_type_of_yaml_1_1() {
         let argument = format!("<arg name=\"a\" default=\"{value}\"/>{}", node("$(var a)"));
         check(&argument, &[&expected.replacen("v", if expected.starts_with("-p") { "v" } else { "a" }, 1)]);
     }
+    // In a list of a file in YAML, a text in quotes stays a text.
+    let yaml =
+        "launch:\n- node: {pkg: p, exec: e, param: [{name: v, value: [\"2\", '5']}, {name: w, value: [0x2, 5]}]}\n";
+    let text = imported(&[("a.launch.yaml", yaml)], &[]).expect("good").text;
+    assert!(text.contains("v: Text[] = [\"2\", \"5\"], w = [2, 5]"), "{text}");
     // The node gets a value of the same type.
     for (value, expected) in
         [("0x46d", "1133"), ("5.0", "5.0"), ("[1.0, 2.0]", "[1.0, 2.0]"), ("[a, '1']", r#"["a", "1"]"#)]
