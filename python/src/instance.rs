@@ -294,19 +294,18 @@ impl Module for Instance {
             let returned = object.call_method1("stop", (tick,))?;
             Ok(returned.is_none() || returned.is_truthy()?)
         };
-        let is_finished = forked::call(|py| {
-            call(py).unwrap_or_else(|error| {
-                told(py, error);
-                true
-            })
-        });
+        let is_finished = forked::call(|py| call(py).map_err(|error| told(py, error)));
         self.stations.work(now);
-        if is_finished {
-            self.inputs.iter().for_each(|input| input.clear());
-            return Stopping::Finished;
-        }
-        self.inputs.iter().for_each(|input| input.mark_seen());
-        Stopping::Again
+        let stopping = match is_finished {
+            Ok(true) => Stopping::Finished,
+            Ok(false) => {
+                self.inputs.iter().for_each(|input| input.mark_seen());
+                return Stopping::Again;
+            }
+            Err(why) => Stopping::Failed(why),
+        };
+        self.inputs.iter().for_each(|input| input.clear());
+        stopping
     }
 
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {

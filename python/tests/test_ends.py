@@ -181,3 +181,59 @@ def test_an_exception_of_init_is_its_reason(missions):
     ended = missions.run("bad.dca")
     out = ended.stdout + ended.stderr
     assert ended.returncode == 1 and "`Bad`: KeyError: 'boo'" in out and "usage" not in out, out
+
+
+STOPS = """
+import time
+from pathlib import Path
+import dca
+
+@dca.{kind}("Stops badly.", every="20 ms", stop_within="500 ms")
+class Bad:
+    def main_calc(self, tick):
+        {act}
+
+    def stop(self, tick):
+        {stop}
+
+@dca.task("Is done after a while.", every="20 ms")
+class Other:
+    count = 0
+    def main_calc(self, tick):
+        Path("other").touch()
+        self.count += 1
+        return dca.done() if self.count > 5 else None
+
+if __name__ == "__main__":
+    dca.run(Bad, Other)
+"""
+
+STOPS_SPEC = """
+module Bad {{ python "bad.py"; venv ".venv"; }}
+module Other {{ python "bad.py"; venv ".venv"; }}
+process main(){{
+    host{{c1}}
+    instantiated_processes{{ bad instof Bad(c1); other instof Other(c1); }}
+    internal_event_actions{{ {events} }}
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("stop", "reason"),
+    [
+        ("raise ValueError('the hand still presses')", "its stop failed: ValueError: the hand still presses"),
+        ("return False", "its stop did not finish within 0.5 s, so the program was ended"),
+        ("time.sleep(3600)", "its stop did not finish within 0.5 s, so the program was ended"),
+    ],
+)
+@pytest.mark.parametrize("is_asked", [False, True])
+def test_a_stop_that_goes_wrong_is_an_abort(missions, stop, reason, is_asked):
+    kind, act, events = ("service", "pass", "other # bad") if is_asked else ("task", "return dca.done()", "bad ; other")
+    missions.write("bad.py", STOPS.format(kind=kind, act=act, stop=stop))
+    missions.write("bad.dca", STOPS_SPEC.format(events=events))
+    ended = missions.run("bad.dca")
+    out = ended.stdout + ended.stderr
+    # A process that is stopped may fail, and the group is still done. Its failure is in the summary.
+    assert ended.returncode == (0 if is_asked else 1) and reason in out, out
+    assert (missions.folder / "other").exists() == is_asked, out

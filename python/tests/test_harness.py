@@ -155,7 +155,33 @@ def test_an_exception_is_an_abort_with_its_last_line(capsys):
         else:
             harness.add(Worse).start()
             ended = harness.run("1 s")
-            assert ended.how == "aborted" and ended.reason.startswith("ZeroDiv" if name == "init" else "ValueError")
+            both = "ValueError: no door; its stop failed: ZeroDivisionError: division by zero"
+            assert (ended.how, ended.reason) == ("aborted", "ZeroDivisionError: division by zero" if name == "init" else both)
+
+
+@pytest.mark.parametrize(
+    ("stop", "is_asked", "reason"),
+    [
+        (lambda self, tick: 1 / 0, False, "its stop failed: ZeroDivisionError: division by zero"),
+        (lambda self, tick: 1 / 0, True, "its stop failed: ZeroDivisionError: division by zero"),
+        (lambda self, tick: False, False, "did not stop within 300 ms"),
+        (lambda self, tick: False, True, "did not stop within 300 ms"),
+    ],
+)
+def test_a_stop_that_fails_is_never_a_normal_end(stop, is_asked, reason):
+    @dca.task("Is done at once.", every="20 ms", stop_within="300 ms")
+    class Hand:
+        def main_calc(self, tick):
+            return None if is_asked else dca.done()
+
+    Hand.stop = stop
+    harness = dca.testing.Harness()
+    hand = harness.add(Hand).start()
+    if is_asked:
+        assert harness.run("50 ms") is None
+        hand.stop()
+    ended = harness.run("1 s")
+    assert (ended.how, ended.reason) == ("aborted", reason)
 
 
 def test_numbers_that_are_not_finite_are_refused_and_told():

@@ -390,7 +390,9 @@ mod tests {
         check(&judge, &format!("{bytes}{}01010102", "07".repeat(32)));
         let unconfirmed = Notice::StopUnconfirmed { activation: 1, reason: "x".into() };
         check(&unconfirmed, "4443010002000f010178");
-        assert!(unconfirmed.is_counted());
+        let stopping = Notice::Stopping { activation: 300 };
+        check(&stopping, "44430100020012ac02");
+        assert!(unconfirmed.is_counted() && stopping.is_counted());
         assert!(!losses.is_counted() && !refused.is_counted() && !judge.is_counted());
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());

@@ -487,6 +487,11 @@ pub enum Notice {
         /// As ordered.
         number: u64,
     },
+    /// The controller has ended this activation by itself, and its `Stop()` begins. The node limits the time of the stop.
+    Stopping {
+        /// As ordered.
+        activation: u32,
+    },
 }
 
 /// A call of a user, as the called program has received it.

@@ -59,8 +59,8 @@ pub trait Controller: Sized + Send + 'static {
     /// Reads the inputs, calculates, and sends to the outputs.
     fn main_calc(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Progress;
 
-    /// Stops and releases everything. It is called once per period until it returns [`Stopping::Finished`], at most for
-    /// [`About::stop_within`].
+    /// Stops and releases everything. It is called once per period until it no longer returns [`Stopping::Again`]. If
+    /// this takes longer than [`About::stop_within`], the program is killed, and the activation is aborted.
     fn stop(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Stopping {
         let _ = (tick, inputs, outputs);
         Stopping::Finished
@@ -68,7 +68,7 @@ pub trait Controller: Sized + Send + 'static {
 
     /// Returns, for a person, why the end of the last [`Controller::stop`] is not certain:
     /// something outside of the program may continue, or may be in a wrong state. Called once,
-    /// after the stop. If there is a reason, the stop counts as unconfirmed.
+    /// after the stop. If there is a reason, an ordered stop counts as unconfirmed, and any other end is an abort.
     fn unconfirmed(&self) -> Option<String> {
         None
     }
@@ -150,12 +150,15 @@ impl Progress {
 }
 
 /// Whether `stop` has to be called again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Stopping {
     /// Call `stop` again, one period later.
     Again,
     /// Nothing moves any more on behalf of this controller.
     Finished,
+    /// The stop has failed, for this reason; the text is for a person. `stop` is not called again, and the activation is
+    /// aborted.
+    Failed(String),
 }
 
 /// The description of a controller type.

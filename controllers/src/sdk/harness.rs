@@ -456,16 +456,27 @@ impl Harness {
             self.arm_period(slot);
             return;
         }
-        let mut ending = std::mem::replace(ending, Ending::Stopped);
-        if stopping == Stopping::Again {
-            let within = span(stopped.module.interface().about.stop_within);
-            ending = Ending::Aborted(format!("did not stop within {within}"));
-        }
+        let ending = std::mem::replace(ending, Ending::Stopped);
+        let failed = match stopping {
+            Stopping::Finished => None,
+            Stopping::Again => {
+                let within = span(stopped.module.interface().about.stop_within);
+                Some(format!("did not stop within {within}"))
+            }
+            Stopping::Failed(why) => Some(format!("its stop failed: {why}")),
+        };
         let unconfirmed = stopped.module.unconfirmed();
-        ending = match (ending, unconfirmed) {
-            (Ending::Stopped, Some(why)) => Ending::Unconfirmed(why),
-            (Ending::Aborted(reason), Some(why)) => Ending::Aborted(format!("{reason}; {why}")),
-            (ending, _) => ending,
+        let ending = match (ending, failed, unconfirmed) {
+            (ending, None, None) => ending,
+            (Ending::Stopped, None, Some(why)) => Ending::Unconfirmed(why),
+            (Ending::Aborted(first), failed, unconfirmed) => {
+                let all: Vec<String> = [Some(first), failed, unconfirmed].into_iter().flatten().collect();
+                Ending::Aborted(all.join("; "))
+            }
+            (Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed(_), failed, unconfirmed) => {
+                let all: Vec<String> = [failed, unconfirmed].into_iter().flatten().collect();
+                Ending::Aborted(all.join("; "))
+            }
         };
         stopped.state = State::Idle;
         stopped.token += 1;

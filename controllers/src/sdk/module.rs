@@ -15,13 +15,14 @@ use comms::logic::decode::Source;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use thiserror::Error;
 
 /// A controller instance whose ports take and give bytes.
 ///
 /// The harness calls `init`, and then `calculate` until it does not return [`Progress::Continue`] or a stop is wanted.
-/// Then it calls `stop` until it returns [`Stopping::Finished`], also if the controller is done or aborted. After each
+/// Then it calls `stop` as long as it returns [`Stopping::Again`], also if the controller is done or aborted. After each
 /// of these calls it calls `drain`.
 pub trait Module: Send {
     /// Describes the type.
@@ -148,6 +149,14 @@ pub trait Module: Send {
         drop(answer);
         Delivery::Stored
     }
+}
+
+/// Calls a controller. A panic in its code becomes a reason.
+pub(super) fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
+        let text = panic.downcast_ref::<&str>().copied().or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+        format!("the controller panicked: {}", text.unwrap_or("no message"))
+    })
 }
 
 /// Makes the loop of a controller calculate at once.
@@ -445,7 +454,7 @@ impl<C: Controller> Module for Instance<C> {
         }
         match stopping {
             Stopping::Again => self.inputs.visit(&mut |_, input| input.mark_seen()),
-            Stopping::Finished => self.inputs.visit(&mut |_, input| input.clear()),
+            Stopping::Finished | Stopping::Failed(_) => self.inputs.visit(&mut |_, input| input.clear()),
         }
         stopping
     }

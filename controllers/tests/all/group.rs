@@ -258,6 +258,50 @@ fn what_is_sent_to_a_member_before_is_there_in_the_next_turn() {
     }
 }
 
+/// A member whose stop fails; the name of the type says how.
+struct Stuck<const PANICS: bool>;
+
+impl<const PANICS: bool> Controller for Stuck<PANICS> {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = if PANICS { "Panics" } else { "Fails" };
+
+    fn about() -> About {
+        About::service("Cannot stop.").every(PERIOD)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), (): &mut ()) -> Progress {
+        Progress::Continue
+    }
+
+    fn stop(&mut self, _: Tick, (): &(), (): &mut ()) -> Stopping {
+        assert!(!PANICS, "it presses");
+        Stopping::Failed("it presses".to_owned())
+    }
+}
+
+/// The other members are still stopped, also if that takes several turns.
+#[test]
+fn the_stop_of_a_member_that_fails_aborts_the_group_after_all_others_have_stopped() {
+    let group = InProcessGroup::new("Group", "Counts.")
+        .member::<Stuck<false>>("one", nothing)
+        .member::<Stuck<true>>("two", nothing)
+        .member::<Head>("head", |_| vec!["10".to_owned()])
+        .member::<Sink>("sink", nothing)
+        .wire(MemberPort::new("head", "Out"), MemberPort::new("sink", "In"));
+    let mut harness = Harness::new(Disturbance { transfer: Duration::ZERO, ..Disturbance::NONE });
+    let group = harness.add(create(group, &[]));
+    harness.activate(group, b"");
+    let report = harness.run(Time::ZERO + PERIOD * 100).unwrap();
+    let reason = "its stop failed: `one`: it presses; `two`: the controller panicked: it presses".to_owned();
+    // The sink takes two turns to stop.
+    assert_eq!((report.ending, report.at), (Ending::Aborted(reason), Time::ZERO + PERIOD * 10));
+}
+
 /// Values from outside trigger a member at once, and the grid of the others stays.
 #[test]
 fn a_trigger_from_outside_does_not_shift_the_period_of_others() {

@@ -139,6 +139,7 @@ async fn hear(
             | Notice::Running { .. }
             | Notice::Done { .. }
             | Notice::Aborted { .. }
+            | Notice::Stopping { .. }
             | Notice::Stopped { .. }
             | Notice::StopUnconfirmed { .. }
             | Notice::Resume { .. }
@@ -178,6 +179,7 @@ fn greeted(
         | Notice::Running { .. }
         | Notice::Done { .. }
         | Notice::Aborted { .. }
+        | Notice::Stopping { .. }
         | Notice::Stopped { .. }
         | Notice::StopUnconfirmed { .. }
         | Notice::Expecting { .. }

@@ -8,8 +8,8 @@
 //! Invariants: each activation has exactly one ending (`finish` removes the activation that it ends). The ending
 //! comes only when the controller has finished its `Stop()`, or when nothing of the program is left. A stop is
 //! bounded by `stop_within`, then by the grace after SIGTERM, then by the time the kernel has to remove the
-//! killed processes. An activation outlives its program: while the program is started again, its
-//! supervisor gets no report.
+//! killed processes. A controller reports a stop that it has begun by itself, so that this stop has the same limit.
+//! An activation outlives its program: while the program is started again, its supervisor gets no report.
 
 mod note;
 mod program;
@@ -125,6 +125,8 @@ struct Current {
     lost: Option<String>,
     /// The work that may continue outside of the program, which was told to leave.
     may_go_on: Option<String>,
+    /// When the stop that the controller has begun by itself must have finished.
+    stops_by: Option<Time>,
 }
 
 /// The program that is there, or was there last.
@@ -292,9 +294,15 @@ impl Instance {
             | Stage::Replacing { until, .. }
             | Stage::Removing { until } => Some(until),
             Stage::Waiting { until } => until.filter(|_| !self.obstacles.checks_in),
-            Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
+            Stage::Running => self.stops_by(),
+            Stage::Prepared | Stage::Idle | Stage::Refused | Stage::Dead => None,
         };
         earliest(earliest(of_stage, self.probation_until()), self.program.clearing)
+    }
+
+    /// Returns when the stop that the controller has begun by itself must have finished.
+    fn stops_by(&self) -> Option<Time> {
+        self.current.as_ref()?.stops_by
     }
 
     /// Kills a shim that has not ended its program in time. Returns whether the shim had not been killed before.
@@ -317,6 +325,9 @@ impl Instance {
     /// Takes note that its node was gone: its program could not answer in the meantime.
     pub fn adopted(&mut self, away: Duration) {
         self.program.clearing = self.program.clearing.map(|at| at + away);
+        if let Some(by) = self.current.as_mut().and_then(|current| current.stops_by.as_mut()) {
+            *by = *by + away;
+        }
         match &mut self.stage {
             Stage::Starting { until }
             | Stage::Connecting { until }
@@ -404,7 +415,8 @@ impl Instance {
             let failure = self.failure(cause, context);
             return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
         }
-        self.current = Some(Current { number: activation, decided, value: value.clone(), lost: None, may_go_on: None });
+        let (number, value_of) = (activation, value.clone());
+        self.current = Some(Current { number, decided, value: value_of, lost: None, may_go_on: None, stops_by: None });
         context.notes.push(Note::Changed(Change::Activated));
         match self.stage {
             Stage::Idle if self.obstacles.checks_in => {}
@@ -476,7 +488,8 @@ impl Instance {
             Stage::Running => {
                 context.notes.push(Note::Changed(Change::Stopping));
                 if self.is_controller() {
-                    self.stage = Stage::Stopping { until: context.now + self.start.stop_within, forced: false };
+                    let until = self.stops_by().unwrap_or(context.now + self.start.stop_within);
+                    self.stage = Stage::Stopping { until, forced: false };
                     self.tell(Order::Stop { activation }, context);
                 } else {
                     let until = context.now + self.start.stop_within + KILL_WITHIN;

@@ -8,7 +8,7 @@ use crate::sdk::controller::{Configured, Progress, Schedule, Stopping};
 use crate::sdk::database::{DatabaseOrder, Unknown};
 use crate::sdk::export::{Activity, RawReply};
 use crate::sdk::interface::Interface;
-use crate::sdk::module::{Delivery, DeliveryError, Module, Outlets};
+use crate::sdk::module::{Delivery, DeliveryError, Module, Outlets, guarded};
 use comms::logic::control::KeyPort;
 use comms::logic::database::DatabaseAnswer;
 use comms::logic::object::ObjectError;
@@ -35,6 +35,8 @@ pub(super) struct GroupModule {
     next: Option<Arguments>,
     /// The calls that the spec connects.
     connected: Vec<&'static str>,
+    /// The failed stops of members. The other members are stopped first.
+    failed_stops: Vec<String>,
 }
 
 struct Running {
@@ -87,8 +89,8 @@ impl GroupModule {
     pub(super) fn new(layout: Arc<Layout>, arguments: &Arguments) -> Result<Self, String> {
         let members = layout.make(arguments)?.into_iter().map(Running::new).collect();
         let taps = InnerTaps::new(layout.interface.inner.len());
-        let (sent, passing, connected) = Default::default();
-        Ok(Self { layout, members, sent, passing, taps, next: None, connected })
+        let (sent, passing, connected, failed_stops) = Default::default();
+        Ok(Self { layout, members, sent, passing, taps, next: None, connected, failed_stops })
     }
 
     /// Passes on the values that a member has sent.
@@ -170,6 +172,7 @@ impl Module for GroupModule {
             None => {}
         }
         self.sent.clear();
+        self.failed_stops.clear();
         self.taps.clear();
         for (at, (member, place)) in self.members.iter_mut().zip(&self.layout.members).enumerate() {
             (member.due, member.is_triggered, member.is_active) = (now, false, true);
@@ -208,16 +211,27 @@ impl Module for GroupModule {
     }
 
     fn stop(&mut self, now: Time) -> Stopping {
-        let mut all = Stopping::Finished;
-        for at in 0..self.members.len() {
+        let (layout, mut is_over) = (Arc::clone(&self.layout), true);
+        for (at, place) in layout.members.iter().enumerate() {
             let Some(member) = self.members.get_mut(at).filter(|member| member.is_active) else { continue };
-            match member.module.stop(now) {
-                Stopping::Finished => member.is_active = false,
-                Stopping::Again => all = Stopping::Again,
+            match guarded(|| member.module.stop(now)) {
+                Ok(Stopping::Finished) => member.is_active = false,
+                Ok(Stopping::Again) => is_over = false,
+                Ok(Stopping::Failed(why)) | Err(why) => {
+                    member.is_active = false;
+                    self.failed_stops.push(format!("`{}`: {why}", place.name));
+                }
             }
             self.pass(at, now);
         }
-        all
+        match std::mem::take(&mut self.failed_stops) {
+            failed if !is_over => {
+                self.failed_stops = failed;
+                Stopping::Again
+            }
+            failed if failed.is_empty() => Stopping::Finished,
+            failed => Stopping::Failed(failed.join("; ")),
+        }
     }
 
     fn unconfirmed(&mut self) -> Option<String> {

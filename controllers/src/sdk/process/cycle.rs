@@ -4,6 +4,8 @@ mod deadlines;
 mod lines;
 mod samples;
 mod tally;
+#[cfg(test)]
+mod tests;
 
 use super::database::{Answered, DatabaseLine};
 use super::early::Early;
@@ -16,7 +18,7 @@ use super::wire::fetch_all;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Stopping};
 use crate::sdk::export::Activity;
-use crate::sdk::module::{Delivery, DeliveryError, Module, Waker};
+use crate::sdk::module::{Delivery, DeliveryError, Module, Waker, guarded};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
 use comms::logic::signals::{Peaks, Signals};
@@ -41,7 +43,12 @@ const CALLS_AT_ONCE: usize = 16;
 enum Phase {
     Idle,
     Running,
-    Stopping { ending: Ending, until: Time },
+    /// `is_last` means that `stop` is called once more and not again, since the controller has panicked.
+    Stopping {
+        ending: Ending,
+        until: Time,
+        is_last: bool,
+    },
 }
 
 /// The loop and its state.
@@ -221,27 +228,35 @@ impl Cycle {
     }
 
     /// Calls the controller. A panic in its code ends the activation. A panic during a stop ends the stop, with a last
-    /// call.
+    /// call, and makes the end an abort.
     fn call<T>(&mut self, call: impl FnOnce(&mut dyn Module) -> T) -> Option<T> {
         let reason = match guarded(|| call(self.module.as_mut())) {
             Ok(result) => return Some(result),
             Err(reason) => reason,
         };
-        if let Phase::Stopping { until, .. } = &mut self.phase {
-            *until = now();
-            self.deadlines.restart(*until);
+        if let Phase::Stopping { ending, is_last, .. } = &mut self.phase {
+            ending.fail(format!("its stop failed: {reason}"));
+            *is_last = true;
+            self.deadlines.restart(now());
+            return None;
         }
         self.end(Ending::Aborted(reason));
         None
     }
 
-    /// Begins to stop; a second reason to end changes nothing.
+    /// Begins to stop; a second reason to end changes nothing. The node limits the time of the stop, so it is told of a
+    /// stop that it has not ordered.
     fn end(&mut self, ending: Ending) {
-        if matches!(self.phase, Phase::Running) {
-            let time = now();
-            self.deadlines.restart(time);
-            self.phase = Phase::Stopping { ending, until: time + self.stop_within };
+        if !matches!(self.phase, Phase::Running) {
+            return;
         }
+        match ending {
+            Ending::Done(_) | Ending::Aborted(_) => self.lines.tell(&Notice::Stopping { activation: self.activation }),
+            Ending::Stopped => {}
+        }
+        let time = now();
+        self.deadlines.restart(time);
+        self.phase = Phase::Stopping { ending, until: time + self.stop_within, is_last: false };
     }
 
     /// Hands over the items that have arrived; returns whether a calculation is due at once. An idle controller gets no
@@ -333,12 +348,29 @@ impl Cycle {
             Phase::Stopping { .. } => {
                 let stopping = self.call(|module| module.stop(time));
                 self.send();
-                let late = matches!(self.phase, Phase::Stopping { until, .. } if now() >= until);
-                if late || stopping != Some(Stopping::Again) {
-                    self.ended();
-                }
+                self.stopped(stopping);
             }
         }
+    }
+
+    /// Takes the result of a call of `stop`; none if the call has panicked. A stop that takes too long is ended by the
+    /// node, which kills the program. Only a program that is to leave ends such a stop itself.
+    fn stopped(&mut self, stopping: Option<Stopping>) {
+        let Phase::Stopping { ending, until, is_last } = &mut self.phase else { return };
+        match stopping {
+            Some(Stopping::Again) if *is_last => {}
+            Some(Stopping::Again) if self.leaving && now() >= *until => {
+                if let Ending::Aborted(reason) = ending {
+                    tracing::warn!(reason, "the stop after an abort did not finish in time");
+                }
+                // The node ends the activation itself, because the stop was late.
+                *ending = Ending::Stopped;
+            }
+            Some(Stopping::Again) => return,
+            Some(Stopping::Failed(why)) => ending.fail(format!("its stop failed: {why}")),
+            Some(Stopping::Finished) | None => {}
+        }
+        self.ended();
     }
 
     fn calculate(&mut self, time: Time) {
@@ -408,141 +440,5 @@ impl Cycle {
         if !missed.is_empty() {
             self.lines.links.show(&Peaks { stamp: time, values: missed });
         }
-    }
-}
-
-/// Calls the controller. A panic in its code becomes a reason.
-fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
-        let text = panic.downcast_ref::<&str>().copied().or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-        format!("the controller panicked: {}", text.unwrap_or("no message"))
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::inbox::Hold;
-    use super::*;
-    use crate::sdk::controller::{About, Configured};
-    use crate::sdk::interface::Interface;
-    use comms::io::control;
-    use comms::logic::codec;
-    use comms::logic::frame::Decoder;
-    use comms::logic::signals::Signal;
-    use std::cell::Cell;
-    use std::io::Read;
-    use std::os::unix::net::{UnixListener, UnixStream};
-
-    /// Panics once, in the call with this name.
-    struct Fragile {
-        interface: Interface,
-        breaks_in: Cell<&'static str>,
-    }
-
-    impl Fragile {
-        fn at(&self, call: &'static str) {
-            if self.breaks_in.get() == call {
-                self.breaks_in.set("");
-                panic!("in {call}");
-            }
-        }
-    }
-
-    impl Module for Fragile {
-        fn interface(&self) -> &Interface {
-            &self.interface
-        }
-        fn deliver(&mut self, _: &str, _: &[u8], _: Time) -> Result<Delivery, DeliveryError> {
-            self.at("deliver");
-            Ok(Delivery::Stored)
-        }
-        fn init(&mut self, _: &[u8], _: Time) -> Result<(), String> {
-            self.at("init");
-            Ok(())
-        }
-        fn configure(&mut self, _: Arguments, _: bool) -> Result<Configured, String> {
-            Ok(Configured::Now)
-        }
-        fn calculate(&mut self, _: Time) -> Progress {
-            self.at("calculate");
-            Progress::Continue
-        }
-        fn stop(&mut self, _: Time) -> Stopping {
-            self.at("stop");
-            Stopping::Finished
-        }
-        fn drain(&mut self, _: &mut dyn FnMut(&'static str, Vec<u8>)) {
-            self.at("drain");
-        }
-        fn signals(&self) -> Vec<Signal> {
-            self.at("signals");
-            Vec::new()
-        }
-    }
-
-    fn next(stream: &mut UnixStream, decoder: &mut Decoder) -> Notice {
-        loop {
-            if let Some(body) = decoder.next_frame().unwrap() {
-                return codec::decode(&body).unwrap();
-            }
-            let mut bytes = [0; 256];
-            let size = stream.read(&mut bytes).unwrap();
-            assert_ne!(size, 0, "the loop is gone");
-            decoder.push(&bytes[..size]);
-        }
-    }
-
-    /// Runs a controller that panics in `call`, and then activates it once more.
-    fn check(call: &'static str, expected: &[Notice]) {
-        let path = std::env::temp_dir().join(format!("dca-cycle-{}-{call}", std::process::id()));
-        let listener = UnixListener::bind(&path).unwrap();
-        let (notices, _orders) = control::connect(&path, Duration::from_secs(30)).unwrap();
-        let (mut stream, mut decoder) = (listener.accept().unwrap().0, Decoder::new(1 << 16));
-        std::fs::remove_file(&path).unwrap();
-        let period = Duration::from_millis(1);
-        let about = About::service("Panics once.").every(period).signals_every(period);
-        let interface = Interface {
-            type_name: "Fragile",
-            about,
-            ports: Vec::new(),
-            exports: Vec::new(),
-            calls: Vec::new(),
-            inner: Vec::new(),
-        };
-        let module = Box::new(Fragile { interface, breaks_in: Cell::new(call) });
-        let inbox = Arc::new(Inbox::default());
-        let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), NoticeLog::new(notices));
-        let running = std::thread::spawn(move || cycle.run());
-        let activate =
-            |activation| assert!(inbox.command(Command::Activate { activation, value: Vec::new(), since: now() }));
-        let stop = |activation| assert!(inbox.command(Command::Stop { activation }));
-
-        activate(1);
-        for notice in expected {
-            assert_eq!(next(&mut stream, &mut decoder), *notice, "{call}");
-            match call {
-                "deliver" => inbox.sample("In", Vec::new(), Hold::default()),
-                "stop" => stop(1),
-                _ => {}
-            }
-        }
-        activate(2);
-        assert_eq!(next(&mut stream, &mut decoder), Notice::Running { activation: 2 }, "{call}");
-        stop(2);
-        assert_eq!(next(&mut stream, &mut decoder), Notice::Stopped { activation: 2 }, "{call}");
-        inbox.command(Command::Leave);
-        running.join().unwrap();
-    }
-
-    #[test]
-    fn a_panic_anywhere_ends_the_activation_and_not_the_loop() {
-        let running = Notice::Running { activation: 1 };
-        let aborted =
-            |call: &str| Notice::Aborted { activation: 1, reason: format!("the controller panicked: in {call}") };
-        check("init", &[aborted("init")]);
-        for call in ["deliver", "calculate", "drain", "signals"] {
-            check(call, &[running.clone(), aborted(call)]);
-        }
-        check("stop", &[running, Notice::Stopped { activation: 1 }]);
     }
 }

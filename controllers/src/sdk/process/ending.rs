@@ -14,6 +14,14 @@ pub(super) enum Ending {
 }
 
 impl Ending {
+    /// Makes this end an abort, because the stop has gone wrong: `why`. An abort keeps its first reason.
+    pub(super) fn fail(&mut self, why: String) {
+        *self = Self::Aborted(match std::mem::replace(self, Self::Stopped) {
+            Self::Aborted(first) => format!("{first}; {why}"),
+            Self::Done(_) | Self::Stopped => why,
+        });
+    }
+
     /// Returns the notice of this end. A notice above the limit of a frame would be lost, and the activation would
     /// never end. So a value that is too large becomes an abort, and a reason that is too long is cut. `unconfirmed`
     /// names the work outside of the program that may continue.
@@ -23,7 +31,8 @@ impl Ending {
             (Self::Aborted(reason), Some(why)) => {
                 Notice::Aborted { activation, reason: cut(format!("{reason}; {why}")) }
             }
-            (ending, _) => ending.plain(activation),
+            (Self::Done(_), Some(why)) => Notice::Aborted { activation, reason: cut(why) },
+            (ending, None) => ending.plain(activation),
         }
     }
 
@@ -79,5 +88,20 @@ mod tests {
         let reason = "no door; the goal may go on".to_owned();
         assert_eq!(Ending::Aborted("no door".to_owned()).notice(1, goes_on()), Notice::Aborted { activation, reason });
         assert_eq!(Ending::Stopped.notice(1, None), Notice::Stopped { activation });
+        let reason = "the goal may go on".to_owned();
+        assert_eq!(Ending::Done(vec![1]).notice(1, goes_on()), Notice::Aborted { activation, reason });
+    }
+
+    #[test]
+    fn a_stop_that_goes_wrong_is_an_abort() {
+        for (mut ending, expected) in [
+            (Ending::Done(vec![1]), "it presses"),
+            (Ending::Stopped, "it presses"),
+            (Ending::Aborted("no door".to_owned()), "no door; it presses"),
+        ] {
+            ending.fail("it presses".to_owned());
+            let reason = expected.to_owned();
+            assert_eq!(ending.notice(1, None), Notice::Aborted { activation: 1, reason });
+        }
     }
 }

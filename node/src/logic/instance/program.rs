@@ -60,6 +60,11 @@ impl Instance {
                 let failure = self.failure(FailureCause::Reported(reason), context);
                 self.ended(activation, Ending::Aborted(failure), context);
             }
+            Notice::Stopping { activation } => {
+                let until = context.now + self.start.stop_within;
+                let current = self.current.as_mut().filter(|current| current.number == activation);
+                current.into_iter().for_each(|current| current.stops_by = Some(until));
+            }
             Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, context),
             Notice::StopUnconfirmed { activation, reason } => self.ended_unconfirmed(activation, reason, context),
             Notice::Running { activation } => {
@@ -164,11 +169,8 @@ impl Instance {
                 self.give_up(FailureCause::Exec(why), context);
             }
             Stage::Waiting { .. } => self.start(context),
-            Stage::Stopping { forced: false, .. } => {
-                let until = context.now + GRACE + KILL_WITHIN;
-                self.stage = Stage::Stopping { until, forced: true };
-                self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
-            }
+            Stage::Stopping { forced: false, .. } => self.force_stop(context),
+            Stage::Running if self.stops_by().is_some_and(|at| at <= context.now) => self.force_stop(context),
             Stage::Removing { .. } if !self.joined => {
                 self.gone(context);
                 self.program.cause = Some(FailureCause::StopUnconfirmed);
@@ -184,6 +186,13 @@ impl Instance {
             }
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
         }
+    }
+
+    /// Tells the shim to end a program, because its stop has not finished in time.
+    fn force_stop(&mut self, context: &mut InstanceContext<'_>) {
+        self.program.cause.get_or_insert(FailureCause::StopTimeout(self.start.stop_within));
+        self.stage = Stage::Stopping { until: context.now + GRACE + KILL_WITHIN, forced: true };
+        self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }
 
     /// It cannot be confirmed that nothing of the program is left.
@@ -220,8 +229,8 @@ impl Instance {
     }
 
     pub(super) fn run(&mut self, value: Vec<u8>, context: &mut InstanceContext<'_>) {
-        let Some(Current { number: activation, decided: since, .. }) = self.current else { return };
-        self.stage = Stage::Running;
+        let Some(Current { number: activation, decided: since, ref mut stops_by, .. }) = self.current else { return };
+        (self.stage, *stops_by) = (Stage::Running, None);
         if self.is_controller() {
             self.suspend_probation();
             self.tell(Order::Activate { activation, value, since }, context);
@@ -250,7 +259,7 @@ impl Instance {
                 self.hold_ready(context);
             }
             Stage::Stopping { .. } => {
-                let ending = self.may_go_on(context).unwrap_or(Ending::Stopped);
+                let ending = self.end_of_stop(&cause, context);
                 self.finish(ending, context);
                 if !self.is_controller() {
                     self.hold_ready(context);
@@ -355,6 +364,16 @@ impl Instance {
     fn may_go_on(&mut self, context: &InstanceContext<'_>) -> Option<Ending> {
         let what = self.current.as_mut()?.may_go_on.take()?;
         Some(Ending::Aborted(self.failure(FailureCause::MayGoOn(what), context)))
+    }
+
+    /// Returns the end of an activation whose program has ended during the stop. The loss of a host is a better reason than a stop that
+    /// took too long.
+    fn end_of_stop(&mut self, cause: &FailureCause, context: &InstanceContext<'_>) -> Ending {
+        let is_late = matches!(cause, FailureCause::StopTimeout(_));
+        let is_cut = self.current.as_ref().is_some_and(|current| current.lost.is_some());
+        let late = || Ending::Aborted(self.failure(cause.clone().of_program(0, self.program.output.clone()), context));
+        let late = (is_late && !is_cut).then(late);
+        self.may_go_on(context).or(late).unwrap_or(Ending::Stopped)
     }
 
     /// The controller has stopped, and work outside of it may continue. A program that is being ended says so before its end.

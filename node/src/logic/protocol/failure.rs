@@ -134,6 +134,8 @@ pub enum FailureCause {
     MayGoOn(String),
     /// No arm of a `match` has the outcome.
     NoMatch,
+    /// The `Stop()` of the program did not finish within its limit, so the program was ended.
+    StopTimeout(#[serde(with = "comms::logic::human::seconds")] Duration),
 }
 
 /// How a program ended.
@@ -185,6 +187,7 @@ impl FailureCause {
             | Self::Exhausted { .. }
             | Self::Watchdog(_)
             | Self::StartTimeout(_)
+            | Self::StopTimeout(_)
             | Self::AgentLost
             | Self::OutOfMemory(_)
             | Self::Limit { .. }
@@ -220,7 +223,12 @@ impl FailureCause {
         }
         let is_end = matches!(
             self,
-            Self::Watchdog(_) | Self::StartTimeout(_) | Self::OutOfMemory(_) | Self::Limit { .. } | Self::AgentLost
+            Self::Watchdog(_)
+                | Self::StartTimeout(_)
+                | Self::StopTimeout(_)
+                | Self::OutOfMemory(_)
+                | Self::Limit { .. }
+                | Self::AgentLost
         );
         if is_end && !output.is_empty() {
             return Self::Ended { cause: Box::new(self), restarts, output };
@@ -257,6 +265,9 @@ impl fmt::Display for FailureCause {
             Self::HostLostStopping(host) => write!(f, "host `{host}` was lost before it confirmed the stop"),
             Self::Watchdog(bound) => write!(f, "its loop has not come round for {}", spelt(*bound)),
             Self::StartTimeout(bound) => write!(f, "it was not ready within {}", spelt(*bound)),
+            Self::StopTimeout(bound) => {
+                write!(f, "its stop did not finish within {}, so the program was ended", spelt(*bound))
+            }
             Self::AgentLost => f.write_str("was stopped because its node was gone (`on_agent_loss`)"),
             Self::OutOfMemory(bytes) => {
                 write!(f, "ran out of memory: `memory {}`", size(*bytes))

@@ -230,6 +230,7 @@ impl World {
                 let reason = "it is not well".to_owned();
                 return self.notice(20, host, process, Notice::Aborted { activation, reason });
             }
+            Some("way=sticks") => return self.notice(20, host, process, Notice::Stopping { activation }),
             Some("way=ends") => {
                 return self.notice(20, host, process, Notice::Done { activation, value: Vec::new() });
             }

@@ -352,3 +352,34 @@ fn an_emergency_stop_names_what_may_go_on() {
     let nav = told(&world, call, "main/nav");
     assert!(nav.iter().any(|change| format!("{change:?}").contains("MayGoOn")), "{nav:?}");
 }
+
+/// A stop has the same limit whether the program was told to stop or has begun to stop by itself. The next process begins only when the
+/// program is gone, and the late stop is the end of the activation.
+#[test]
+fn a_program_whose_stop_takes_too_long_is_ended() {
+    let text = |events: &str| {
+        format!(
+            "process main() {{ host {{ \"c1\" }}
+            instantiated_processes {{
+                stone instof Stubborn(\"c1\");
+                walker instof Walker(\"c1\", \"sticks\") {{ restart transient; }}
+                hit instof Step(\"c1\");
+            }}
+            internal_event_actions {{ {events} }} }}"
+        )
+    };
+    for (events, path, limit) in [("walker ; hit", "main/walker", 2000), ("stone # hit", "main/stone", 100)] {
+        let mut world = World::new(&["c1"]);
+        let call = world.deploy("c1", &text(events));
+        world.run_for(Duration::from_secs(30));
+        let late = FailureCause::StopTimeout(Duration::from_millis(limit));
+        let changes = told(&world, call, path);
+        let is_late = |change: &Change| matches!(change, Change::Ended(Ending::Aborted(of)) if of.cause == late);
+        assert!(changes.iter().any(is_late), "{events}: {changes:?}");
+        let is_first = path == "main/walker";
+        assert_eq!(matches!(world.ending(call), Ending::Aborted(_)), is_first, "{events}: {:?}", world.ending(call));
+        assert_eq!(runs(&world, "Step"), usize::from(!is_first), "{events}");
+        assert_eq!(runs(&world, "Walker"), usize::from(is_first), "its stop is over, so it is not run again");
+        assert_eq!(world.alive, BTreeSet::new());
+    }
+}
