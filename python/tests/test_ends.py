@@ -237,3 +237,53 @@ def test_a_stop_that_goes_wrong_is_an_abort(missions, stop, reason, is_asked):
     # A process that is stopped may fail, and the group is still done. Its failure is in the summary.
     assert ended.returncode == (0 if is_asked else 1) and reason in out, out
     assert (missions.folder / "other").exists() == is_asked, out
+
+
+def test_lost_values_are_counted_without_signals(missions):
+    missions.write(
+        "bad.py",
+        """
+import time
+from dataclasses import dataclass
+import dca
+
+@dca.message
+@dataclass
+class Beat:
+    number: int
+
+@dca.task("Sends many values.", every="2 ms")
+class Many:
+    Out = dca.Out(Beat)
+    count = 0
+    def main_calc(self, tick):
+        self.count += 1
+        self.Out.send(Beat(self.count))
+        return dca.done() if self.count == 500 else None
+
+@dca.service("Is slow.", every="20 ms")
+class Slow:
+    In = dca.Every(Beat)
+    def main_calc(self, tick):
+        time.sleep(0.4)
+
+if __name__ == "__main__":
+    dca.run(Many, Slow)
+""",
+    )
+    missions.write(
+        "bad.dca",
+        """
+module Many { python "bad.py"; venv ".venv"; }
+module Slow { python "bad.py"; venv ".venv"; }
+process main(){
+    host{c1}
+    instantiated_processes{ many instof Many(c1); slow instof Slow(c1); }
+    internal_connections(many, beats){ many, Out -> slow, In; }
+    internal_event_actions{ many[beats] # slow }
+}
+""",
+    )
+    ended = missions.run("bad.dca")
+    out = ended.stdout + ended.stderr
+    assert ended.returncode == 0 and "values lost" in out, out

@@ -227,10 +227,10 @@ fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> N
     Notice::Hello {
         version: WIRE_VERSION,
         instance: instance.to_owned(),
+        signals: location.is_some(),
         location,
         owns: names(interface.owns()),
         needs: names(interface.needs()),
-        signals: interface.about.signals_every.is_some(),
     }
 }
 

@@ -309,6 +309,37 @@ fn a_consumer_keeps_to_what_its_wires_say() {
     }
 }
 
+/// A controller without signals shows its losses, also at the end of an activation.
+#[test]
+fn a_controller_without_signals_shows_its_losses() {
+    let mut end = End::open("losses");
+    let mut config = Program::start(&["ConfigCtrl"]);
+    let Notice::Hello { signals: true, .. } = config.hello else { panic!("{:?}", config.hello) };
+    config.order(&connect(incoming(0, end.dial()), vec![]));
+    config.expect(&Notice::Connected);
+    let signals = end.hear(&key::signals("test", "main/ConfigCtrl"));
+    let joints = end.publisher(&wire_key(0));
+    config.activate(1);
+    let next = || {
+        let bytes = signals.recv_timeout(SOON).unwrap_or_else(|_| panic!("it says nothing"));
+        let signals: Signals = codec::decode(&bytes).unwrap();
+        let value = |name: &str| signals.values.iter().find(|signal| signal.name == name).unwrap().value;
+        (signals.values.len(), value("lost values"), value("refused values"))
+    };
+    // Nine values are missing between these two.
+    for number in [1, 11] {
+        joints.put_numbered(vec![], number).unwrap();
+    }
+    while next().1 < 9.0 {}
+    config.order(&Order::Stop { activation: 1 });
+    config.expect(&Notice::Stopped { activation: 1 });
+    assert_eq!(next(), (3, 9.0, 0.0));
+    config.order(&Order::Exit);
+    drop(joints);
+    end.close();
+    assert_eq!(config.leave().0, Some(0));
+}
+
 /// A source is killed and restarted. It does not wait long for an absent consumer, and a consumer that is told its new
 /// address keeps receiving.
 #[test]

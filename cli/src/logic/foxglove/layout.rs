@@ -6,6 +6,7 @@
 use super::catalog::Channel;
 use super::recording;
 use crate::logic::record::{EVENTS, LOG, SIGNALS, Timeline};
+use comms::logic::signals::{LOST_VALUES, OVERRUNS, REFUSED_VALUES};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use view::LiveDeployment;
@@ -207,7 +208,8 @@ impl Panels {
     }
 }
 
-/// Returns the curves of a topic with signals: its numbers, except the time of the sample.
+/// Returns the curves of a topic with signals: its numbers, except the time of the sample. None if the topic has only the
+/// counts that every program has, since plots of these would displace others.
 fn curves(topic: &Topic<'_>) -> Option<Vec<Value>> {
     if !topic.name.contains(SIGNALS) {
         return None;
@@ -215,6 +217,10 @@ fn curves(topic: &Topic<'_>) -> Option<Vec<Value>> {
     let schema: Value = serde_json::from_str(topic.schema).ok()?;
     let fields = schema["properties"].as_object()?.iter();
     let numbers = fields.filter(|(name, field)| field["type"] == "number" && *name != "stamp");
+    let counts = [OVERRUNS, LOST_VALUES, REFUSED_VALUES].map(|name| name.replace(' ', "_"));
+    if numbers.clone().all(|(name, _)| counts.contains(name)) {
+        return None;
+    }
     let curve = |(name, _): (&String, &Value)| json!({ "value": format!("{}.{name}", topic.name), "label": name, "enabled": true, "timestampMethod": "receiveTime" });
     let curves: Vec<Value> = numbers.take(CURVES_MAX).map(curve).collect();
     (!curves.is_empty()).then_some(curves)
@@ -257,6 +263,9 @@ mod tests {
         let signals = json!({ "properties": {
             "force": { "type": "number" }, "stamp": { "type": "number" }, "name": { "type": "string" },
         } });
+        let counts = json!({ "properties": {
+            "lost_values": { "type": "number" }, "overruns": { "type": "number" }, "refused_values": { "type": "number" },
+        } });
         let event = |process: &str| RecordedMessage {
             at: Duration::from_secs(1),
             topic: 0,
@@ -266,6 +275,7 @@ mod tests {
             topics: vec![
                 topic("/events", "dca.Event", json!({})),
                 topic("/log", "foxglove.Log", json!({})),
+                topic("/signals/main/0", "dca.signals.main.0", counts),
                 topic("/signals/main/a", "dca.signals.main.a", signals),
                 topic("/ports/main/scan/Out", "sensor_msgs/msg/LaserScan", json!({})),
                 topic("/ports/main/a/Out", "dca.types.Wrench", json!({})),

@@ -2,6 +2,7 @@
 
 use crate::logic::mission::{Mission, Track};
 use crate::logic::record::{Entry, Run};
+use comms::logic::signals::{LOST_VALUES, OVERRUNS, REFUSED_VALUES};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -34,6 +35,11 @@ pub(super) fn panels(run: &Run, mission: &Mission) -> (Vec<Panel>, Vec<String>) 
     let mut groups: Vec<((&str, String), Vec<usize>)> = Vec::new();
     let mut constants = Vec::new();
     for (index, track) in mission.tracks().iter().enumerate() {
+        let is_count = [OVERRUNS, LOST_VALUES, REFUSED_VALUES].contains(&track.name.as_str());
+        if is_count && track.peak <= 0.0 {
+            // Every program has these counts, so only the others are worth a word.
+            continue;
+        }
         if !track.headline && is_constant(&points, track) {
             constants.push(
                 format!("{} {} {}", mission.title(track), track.text(track.last), track.unit).trim_end().to_owned(),

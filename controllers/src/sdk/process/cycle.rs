@@ -430,15 +430,25 @@ impl Cycle {
     }
 
     fn show(&mut self, time: Time) {
-        if !self.samples.are_shown() {
-            return;
+        if !self.samples.has_own() {
+            return self.show_counts(time);
         }
         let Some(mut values) = self.call(|module| module.signals()) else { return };
         let Some(missed) = self.samples.look(&values, time) else { return };
-        values.extend(self.tally.signals(self.lines.inbox.waiting_losses()));
+        values.extend(self.tally.with_losses(self.lines.inbox.waiting_losses()).signals());
         self.lines.links.show(&Signals { stamp: time, values });
         if !missed.is_empty() {
             self.lines.links.show(&Peaks { stamp: time, values: missed });
+        }
+    }
+
+    /// Shows the counts of a controller without signals.
+    fn show_counts(&mut self, time: Time) {
+        if self.samples.is_due(time) {
+            let counts = self.tally.with_losses(self.lines.inbox.waiting_losses());
+            if self.samples.count(counts, time) {
+                self.lines.links.show(&Signals { stamp: time, values: counts.signals().into() });
+            }
         }
     }
 }

@@ -76,10 +76,8 @@ impl Devices {
         for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
             devices.port(session, keyring, orders, port, inbox)?;
         }
-        if interface.about.signals_every.is_some() {
-            let key = key::signals(&orders.robot, &orders.instance);
-            devices.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
-        }
+        let key = key::signals(&orders.robot, &orders.instance);
+        devices.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
         let taps = Taps::make(session, interface, &orders.robot, &orders.instance);
         devices.taps = taps.map_err(|error| error.to_string())?;
         let serving = Serving::make(session, keyring, interface, &orders.robot, &orders.instance, inbox);

@@ -14,16 +14,19 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Returns the counts as signals. The names are the same from the first sample on, so that a record has one schema. Losses
-    /// that wait to be counted count: a calculation that takes long may be the last one.
-    pub(super) fn signals(&self, waiting_losses: u64) -> [Signal; 3] {
+    /// Returns the counts with losses that wait to be counted: a calculation that takes long may be the last one.
+    pub(super) const fn with_losses(self, waiting: u64) -> Self {
+        Self { lost: self.lost.saturating_add(waiting), ..self }
+    }
+
+    /// Returns the counts as signals. The names are the same from the first sample on, so that a record has one schema.
+    pub(super) fn signals(self) -> [Signal; 3] {
         let signal = |name: &str, count: u64| {
             #[expect(clippy::cast_precision_loss, reason = "a count for people")]
             let value = count as f64;
             Signal { name: name.to_owned(), unit: String::new(), value, headline: false }
         };
-        let lost = self.lost + waiting_losses;
-        [signal(OVERRUNS, self.overruns), signal(LOST_VALUES, lost), signal(REFUSED_VALUES, self.refused)]
+        [signal(OVERRUNS, self.overruns), signal(LOST_VALUES, self.lost), signal(REFUSED_VALUES, self.refused)]
     }
 
     /// Writes the counts to the log at the end of the activation.
