@@ -192,8 +192,13 @@ impl Instance {
             return Ok(Progress::Continue);
         }
         if let Ok(done) = returned.cast::<Done>() {
+            let interface = &self.class.interface;
+            // Without declared outcomes, any value is a normal end, but a tag is not.
+            let has_outcomes = !interface.about.outcomes.is_empty();
+            let is_declared =
+                |value: &[u8]| interface.may_end_with(value) && (has_outcomes || done.get().tag.is_none());
             return Ok(match done.get().progress() {
-                Progress::Done(value) if !self.class.interface.may_end_with(&value) => {
+                Progress::Done(value) if !is_declared(&value) => {
                     Progress::Aborted("it is done with an outcome that its interface does not declare".to_owned())
                 }
                 progress @ (Progress::Continue | Progress::Done(_) | Progress::Aborted(_)) => progress,

@@ -184,6 +184,18 @@ def test_a_stop_that_fails_is_never_a_normal_end(stop, is_asked, reason):
     assert (ended.how, ended.reason) == ("aborted", reason)
 
 
+def test_an_outcome_that_is_not_declared_is_an_abort():
+    @dca.task("Has no outcomes.")
+    class Plain:
+        def main_calc(self, tick):
+            return dca.outcome("nope")
+
+    harness = dca.testing.Harness()
+    harness.add(Plain).start()
+    ended = harness.run("1 s")
+    assert (ended.how, ended.reason) == ("aborted", "it is done with an outcome that its interface does not declare")
+
+
 def test_numbers_that_are_not_finite_are_refused_and_told():
     from math import nan
 
