@@ -341,6 +341,9 @@ class EveryInput(Generic[T]):
     """An input that keeps every value since the last calculation."""
 
     @property
+    def received(self) -> int:
+        """The number of values that have arrived in this activation."""
+    @property
     def lost(self) -> int:
         """The number of values that were sent to this input in this activation but did not arrive."""
     @property

@@ -196,6 +196,12 @@ impl EveryInput {
         self.0.held().values.len()
     }
 
+    /// The number of values that have arrived in this activation.
+    #[getter]
+    fn received(&self) -> u64 {
+        self.0.arrivals().received()
+    }
+
     /// The number of values that were sent to this input in this activation but did not arrive.
     #[getter]
     fn lost(&self) -> u64 {

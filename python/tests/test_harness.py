@@ -94,6 +94,25 @@ def test_every_value_counts_and_each_activation_begins_anew():
         assert ended.how == "done" and dca.decode(Range, ended.value) == Range(7.0)
 
 
+def test_an_input_of_every_value_counts_its_values():
+    @dca.service("Counts.", every="10 ms")
+    class Count:
+        In = dca.Every(Range)
+        Out = dca.Out(Range)
+
+        def main_calc(self, tick):
+            assert (self.In.lost, self.In.refused) == (0, 0)
+            self.Out.send(Range(float(self.In.received)))
+
+    harness = dca.testing.Harness()
+    count = harness.add(Count).start()
+    harness.run("5 ms")
+    for number in (1.0, 2.0, 4.0):
+        count.send("In", Range(number))
+    assert harness.run("100 ms") is None
+    assert count.last("Out") == Range(3.0)
+
+
 def test_a_wire_can_be_closed_and_a_crash_is_told():
     harness = dca.testing.Harness()
 
