@@ -11,13 +11,13 @@ use crate::standard::Standard;
 use comms::logic::layout::Reader;
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyString, PyTuple};
+use pyo3::types::{PyByteArray, PyBytes, PyList, PyString, PyTuple};
 use std::sync::Arc;
 
 /// The deepest nesting of a type.
 const DEPTH_MAX: usize = 64;
 /// Whole numbers up to this absolute value have exact floats.
-const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
+const WHOLE_MAX: u64 = 1 << 53;
 
 /// A type, as a tree.
 #[derive(Debug)]
@@ -228,11 +228,12 @@ impl Form {
                     let is_number = error.is_instance_of::<PyOverflowError>(value.py());
                     if is_number { too_large() } else { expected("a whole number", value) }
                 })?;
-                #[expect(clippy::cast_precision_loss, reason = "the next line refuses what is not exact")]
-                let number = whole as f64;
-                if number.abs() > WHOLE_MAX {
+                // This is checked before the conversion, which would round 2^53 + 1 to 2^53.
+                if whole.unsigned_abs() > WHOLE_MAX {
                     return Err(too_large());
                 }
+                #[expect(clippy::cast_precision_loss, reason = "whole numbers up to 2^53 are exact")]
+                let number = whole as f64;
                 encoded.writer().number(number);
             }
             Self::Natural => {
@@ -278,10 +279,20 @@ fn from_nanos(nanos: u64) -> f64 {
 }
 
 fn is_whole(number: f64) -> bool {
-    number.abs() <= WHOLE_MAX && number.fract().abs().to_bits() == 0
+    #[expect(clippy::cast_precision_loss, reason = "2^53 is exact")]
+    let max = WHOLE_MAX as f64;
+    number.abs() <= max && number.fract().abs().to_bits() == 0
+}
+
+/// Returns whether a value can be a list in a message. The letters of a text and the numbers of bytes are not meant as elements.
+pub(crate) fn is_list(value: &Bound<'_, PyAny>) -> bool {
+    !(value.is_instance_of::<PyString>() || value.is_instance_of::<PyBytes>() || value.is_instance_of::<PyByteArray>())
 }
 
 fn write_list(of: &Form, count: Option<usize>, value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> {
+    if !is_list(value) {
+        return Err(expected("a list", value));
+    }
     let length = value.len().map_err(|_no_list| expected("a list", value))?;
     match count {
         Some(count) if count != length => {

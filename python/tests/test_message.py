@@ -107,6 +107,9 @@ def test_a_long_text_has_a_long_length():
         (dict(at=None), TypeError, "at: expected a `Point`, got None"),
         (dict(count=1.5), TypeError, "count: expected a whole number, got 1.5"),
         (dict(count=2**60), ValueError, "count: 1152921504606846976 is beyond 2^53"),
+        (dict(count=2**53 + 1), ValueError, "count: 9007199254740993 is beyond 2^53"),
+        (dict(count=-(2**53) - 1), ValueError, "count: -9007199254740993 is beyond 2^53"),
+        (dict(count=-(2**63)), ValueError, "count: -9223372036854775808 is beyond 2^53"),
         (dict(count=2**80), ValueError, "count: 1208925819614629174706176 is beyond 2^53"),
         (dict(soft=1), TypeError, "soft: expected a bool, got 1"),
         (dict(who=b"x"), TypeError, "who: expected a str"),
@@ -115,6 +118,10 @@ def test_a_long_text_has_a_long_length():
         (dict(mode="hard"), TypeError, "mode: expected one of `soft`, `hard`"),
         (dict(side="up"), TypeError, "side: expected one of `left`, `right`"),
         (dict(near=3), TypeError, "near: expected a list, got 3"),
+        (dict(near=b"12"), TypeError, "near: expected a list, got b'12'"),
+        (dict(near=bytearray(b"12")), TypeError, "near: expected a list, got bytearray"),
+        (dict(near="12"), TypeError, "near: expected a list, got '12'"),
+        (dict(force=b"12"), TypeError, "force: expected a list, got b'12'"),
         (dict(who="\ud800"), ValueError, "who: "),
     ],
 )
@@ -122,6 +129,11 @@ def test_a_value_of_another_type_is_named(changed, error, text):
     with pytest.raises(error) as raised:
         dca.encode(everything(**changed))
     assert str(raised.value).startswith(text)
+
+
+def test_the_largest_whole_numbers_are_exact():
+    for count in (2**53, -(2**53)):
+        assert dca.decode(Everything, dca.encode(everything(count=count))).count == count
 
 
 def test_any_buffer_goes_out():

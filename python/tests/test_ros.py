@@ -188,7 +188,13 @@ def test_numpy_sees_numbers_without_a_copy():
     ranges = numpy.asarray(back.ranges)
     assert ranges.dtype == numpy.float32 and ranges.flags.aligned and not ranges.flags.owndata and not ranges.flags.writeable
     assert (ranges == scan.ranges).all() and back == scan
-    # Numbers of another size are written one by one, and a matrix is written row by row.
+    for wrong in (numpy.zeros((2, 2), dtype=numpy.float32), numpy.float32(1.0), numpy.zeros((2, 2))):
+        with pytest.raises(TypeError, match="^ranges: expected a"):
+            dca.encode(ros.sensor.LaserScan(ranges=wrong))
+    # An image and an array with a fixed number of elements are written row by row.
+    image = ros.sensor.Image(data=numpy.arange(6, dtype=numpy.uint8).reshape(2, 3))
+    assert bytes(dca.decode(ros.sensor.Image, dca.encode(image)).data) == bytes(range(6))
+    # Numbers of another size are written one by one.
     scan.ranges = numpy.linspace(0, 1, 5)
     assert dca.decode(ros.sensor.LaserScan, dca.encode(scan)) == back
     pose = ros.geometry.PoseWithCovariance(covariance=numpy.arange(36.0).reshape(6, 6).T)
@@ -215,6 +221,9 @@ def test_numpy_sees_numbers_without_a_copy():
         ("ros.std.Float32", dict(data=1e39), ValueError, "data: 1e+39 does not fit into float32"),
         ("ros.std.Bool", dict(data=1), TypeError, "data: expected a bool, got 1"),
         ("ros.std.String", dict(data=b"a"), TypeError, "data: expected a str, got b'a'"),
+        ("ros.std.String", dict(data="a\0b"), ValueError, r"data: 'a\x00b' has a zero byte in it, where ROS 2 ends a text"),
+        ("ros.std.Float64MultiArray", dict(data=b"12"), TypeError, "data: expected a list, got b'12'"),
+        ("ros.std.Int8MultiArray", dict(data=bytearray(b"12")), TypeError, "data: expected a list, got bytearray"),
         ("ros.std.Float64MultiArray", dict(data="12"), TypeError, "data: expected a list, got '12'"),
         ("ros.std.Float64MultiArray", dict(data=3), TypeError, "data: expected a list, got 3"),
         (

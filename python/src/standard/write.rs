@@ -1,9 +1,9 @@
 //! CDR from values of Python.
 
 use super::Standard;
-use crate::form::{expected, within};
+use crate::form::{expected, is_list, within};
 use pyo3::buffer::PyBuffer;
-use pyo3::exceptions::{PyOverflowError, PyValueError};
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyMemoryView, PyString};
 use ros::logic::cdr::{CdrError, Writer, are_finite};
@@ -46,9 +46,10 @@ impl Standard {
         if let Element::Primitive(of) = &field.element
             && let Some(view) = buffer(*of, value)
         {
+            check_shape(*of, field.count, &view)?;
             return write_buffer(*of, field.count, &view, sink);
         }
-        if value.is_instance_of::<PyString>() {
+        if !is_list(value) {
             return Err(expected("a list", value));
         }
         let length = value.len().map_err(|_no_list| expected("a list", value))?;
@@ -71,12 +72,16 @@ impl Standard {
             Element::Text { max } => {
                 let text = value.cast::<PyString>().map_err(|_no_text| expected("a str", value))?;
                 let text = text.to_cow()?;
-                // A program in C++ would also end the text there.
-                let text = text.split('\0').next().unwrap_or_default();
+                if text.contains('\0') {
+                    let shown = value.repr()?;
+                    return Err(PyValueError::new_err(format!(
+                        "{shown} has a zero byte in it, where ROS 2 ends a text"
+                    )));
+                }
                 if let Some(max) = max.filter(|max| text.len() > *max) {
                     return Err(PyValueError::new_err(format!("expected at most {max} bytes, got {}", text.len())));
                 }
-                sink.writer.text(text).map_err(wrong)
+                sink.writer.text(&text).map_err(wrong)
             }
             Element::Message(index) => self.write_record(*index, value, sink),
         }
@@ -112,6 +117,20 @@ fn buffer<'py>(of: Primitive, value: &Bound<'py, PyAny>) -> Option<Bound<'py, Py
     };
     let letter = format.strip_prefix(['<', '@', '=']).unwrap_or(&format);
     (letter.len() == 1 && kinds.contains(letter) && size == of.size()).then_some(view)
+}
+
+/// Refuses an array whose numbers would lose their places. A field with a fixed number of elements may be a matrix, such as a covariance.
+/// A field of bytes has the bytes of any array, such as an image.
+fn check_shape(of: Primitive, count: Count, view: &Bound<'_, PyMemoryView>) -> PyResult<()> {
+    let dimensions: usize = view.getattr("ndim")?.extract()?;
+    let is_fixed = matches!(count, Count::Array(_));
+    if dimensions == 1 || dimensions > 1 && (is_fixed || matches!(of, Primitive::Byte | Primitive::U8)) {
+        return Ok(());
+    }
+    let shape = view.getattr("shape")?;
+    Err(PyTypeError::new_err(format!(
+        "expected a list, got an array of the shape {shape}; write `.ravel()` for its numbers in a row"
+    )))
 }
 
 /// Writes the numbers of a buffer, in the order of its elements.
