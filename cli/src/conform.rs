@@ -146,7 +146,11 @@ impl Recorded {
                         None => recorded.omitted += steps.len(),
                     }
                 }
-                Entry::Report(_) | Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } => {}
+                Entry::Report(_)
+                | Entry::Signals { .. }
+                | Entry::Output { .. }
+                | Entry::Port { .. }
+                | Entry::Missing { .. } => {}
             }
         }
         // A supervisor sends its steps in batches: its last steps are missing if its node has died or was cut off.

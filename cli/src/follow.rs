@@ -7,11 +7,12 @@ mod recording;
 
 use crate::client::{Answers, Client, unasked, words};
 use crate::display::{Display, UPDATE_EVERY};
-use crate::io::observer::{ObserverEvent, Sample};
+use crate::io::observer::{ObserverEvent, Sample, Sinks, WireValue, WireValues};
 use crate::io::recorder::Recorder;
 use crate::io::user;
 use crate::logic::mission::{Mission, Outcome};
-use crate::logic::record::{Entry, Messages, Port, messages, ports};
+use crate::logic::record::{Entry, Messages, Port, WireName, messages, ports};
+use crate::logic::value_queue::Queued;
 use crate::output::Output;
 use crate::outputs::{Outputs, is_failed_on_purpose};
 use anyhow::{Context, anyhow};
@@ -29,14 +30,14 @@ pub(crate) use record_folder::RUNS;
 use record_folder::{Readers, start_record};
 use recording::Recording;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 
 /// The most samples that wait to be shown and recorded. When there are as many, new samples are left out.
 const OBSERVED_MAX: usize = 4096;
-/// The most values of ports that wait to be recorded. When there are as many, new values are left out. Values may be large.
-const PORTS_MAX: usize = 64;
 /// How often the command looks for the home node after the node was not found.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// The longest pause of the hosts while they send the rest of their programs' output after the end of the mission.
@@ -87,7 +88,10 @@ struct Watch {
     output: Output,
     recording: Recording,
     hearing: Hearing,
-    arriving_ports: mpsc::Receiver<ObserverEvent>,
+    /// The values of wires that have arrived.
+    values: Arc<WireValues>,
+    /// How many samples have arrived while too many others waited.
+    dropped: Arc<AtomicU64>,
     /// The output of programs. Without a record, only the lines that may explain an end are requested.
     outputs: Outputs,
     go_at: Option<Time>,
@@ -142,14 +146,16 @@ impl Watch {
         team: Option<PathBuf>,
     ) -> (Self, mpsc::Receiver<ObserverEvent>) {
         let (observer_events, arriving) = mpsc::channel(OBSERVED_MAX);
-        let (port_events, arriving_ports) = mpsc::channel(PORTS_MAX);
+        let (values, dropped) = (Arc::<WireValues>::default(), Arc::default());
+        let sinks = Sinks { events: observer_events, dropped: Arc::clone(&dropped), values: Arc::clone(&values) };
         let watch = Self {
             mission: Mission::new(plan),
             display: Display::default(),
             output: Output::standard(),
-            recording: Recording::new(recorder),
-            hearing: Hearing::new(&plan.name, team, ports, (observer_events, port_events)),
-            arriving_ports,
+            recording: Recording::new(recorder, Arc::clone(&values)),
+            hearing: Hearing::new(&plan.name, team, ports, sinks),
+            values,
+            dropped,
             outputs: Outputs::default(),
             go_at: None,
             name: plan.name.clone(),
@@ -190,12 +196,13 @@ impl Watch {
                     }
                 },
                 Some(event) = observer_events.recv() => self.observed(event),
-                Some(event) = self.arriving_ports.recv() => self.observed(event),
+                value = self.values.queue.next() => self.value(value),
                 (path, text) = self.outputs.next() => self.wrote(path, text),
                 Some(answer) = next(&mut stopping) => self.stop_answered(answer),
                 _ = refresh.tick() => {
                     self.recording.watch(&mut self.output);
-                    self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
+                    self.recording.count_missing(self.since_go(clock::now()));
+                    self.mission.tick(self.since_go(clock::now()));
                     self.display.update(&self.mission, &mut self.output);
                 }
                 _ = interrupt.recv() => self.stop(client, home, &mut stopping).await?,
@@ -299,7 +306,6 @@ impl Watch {
     fn observed(&mut self, event: ObserverEvent) {
         match event {
             ObserverEvent::Sample(sample) => self.sample(sample),
-            ObserverEvent::Port { from, to, arrived, bytes } => self.port(from, to, arrived, bytes),
             ObserverEvent::Unseen(why) => self.output.note(&format!("warning: {why}")),
         }
     }
@@ -338,15 +344,20 @@ impl Watch {
         }
     }
 
-    fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {
-        let at = self.go_at.map_or(Duration::ZERO, |go| arrived - go);
-        let message = self.hearing.port(&from, &to).and_then(|port| port.message.clone());
-        self.recording.push(Entry::Port { from, to, at, bytes, message });
+    fn value(&mut self, queued: Queued<WireName, WireValue>) {
+        let at = self.since_go(queued.value.arrived);
+        let port = self.hearing.port(&queued.source);
+        self.recording.value(queued, at, port);
+    }
+
+    /// Returns the time since GO; zero before GO.
+    fn since_go(&self, now: Time) -> Duration {
+        self.go_at.map_or(Duration::ZERO, |go| now - go)
     }
 
     fn wrote(&mut self, path: String, text: String) {
         self.recording.watch_output(&path, &text, &mut self.output);
-        let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
+        let at = self.since_go(clock::now());
         self.mission.wrote(&path, &text);
         self.recording.push(Entry::Output { path, at, text });
     }
@@ -361,16 +372,20 @@ impl Watch {
         while let Ok(event) = arriving.try_recv() {
             self.observed(event);
         }
-        while let Ok(event) = self.arriving_ports.try_recv() {
-            self.observed(event);
+        while let Some(value) = self.values.queue.pop() {
+            self.value(value);
         }
+        self.recording.count_missing(self.since_go(clock::now()));
         // If the user leaves early, the command does not wait for output.
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
         outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
         // If no host has accepted it, there is nothing to keep.
         let has_begun = watched.is_ok() || self.home.deployment().is_some();
-        let (files, kept) = self.recording.finish(has_begun, &mut self.output);
+        let (mut files, kept) = self.recording.finish(has_begun, &mut self.output);
+        if files.record.is_some() {
+            files.dropped += self.dropped.load(Ordering::Relaxed);
+        }
         self.output.clear();
         if let Err(why) = watched {
             // The user still wants to see the part that was observed.

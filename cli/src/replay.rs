@@ -77,9 +77,16 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(damage) = recorded.lacks() {
         console::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
     }
+    let missing = recorded.missing();
+    for sentence in &missing {
+        console::note(&format!("warning: {sentence}"));
+    }
     let mut spec = check::load(file, &arguments.controllers, &arguments.values, false)?;
     let counts = counts(&recorded);
-    let stand_ins = replay::choose(&spec.plan, &counts, &arguments.played).map_err(|why| anyhow!(why))?;
+    let why = |why: String| {
+        if missing.is_empty() { anyhow!(why) } else { anyhow!("{why}; the warnings name missing values") }
+    };
+    let stand_ins = replay::choose(&spec.plan, &counts, &arguments.played).map_err(why)?;
     programs::check_shim()?;
     let base = run::base(arguments.run_dir.as_deref())?;
     let prepared = prepare(&mut spec, &recorded, &stand_ins, &base.join(STEPS), arguments.rate);

@@ -40,6 +40,9 @@ pub fn write(record: &Path, file: &Path) -> anyhow::Result<Option<String>> {
     if let Some(damage) = &lacks {
         console::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
     }
+    for sentence in run.missing() {
+        console::note(&format!("warning: {sentence}"));
+    }
     whole_file::put(file, page(&run).as_bytes()).context("writing the report")?;
     Ok(lacks)
 }

@@ -1,13 +1,12 @@
 //! Receives the signals of a mission's programs, and the values of the recorded wires. If a program was restarted
 //! elsewhere, it is received from its new place.
 
-use crate::io::observer::{Observer, ObserverEvent};
-use crate::logic::record::Port;
+use crate::io::observer::{Observer, Sinks};
+use crate::logic::record::{Port, WireName};
 use comms::logic::control::Dial;
 use node::logic::protocol::Deployment;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use tokio::sync::mpsc::Sender;
 
 /// The signals and values of a mission that are received.
 pub(super) struct Hearing {
@@ -18,7 +17,7 @@ pub(super) struct Hearing {
     /// The wires that are recorded.
     ports: Vec<Port>,
     /// The receivers of signals and of values.
-    sinks: (Sender<ObserverEvent>, Sender<ObserverEvent>),
+    sinks: Sinks,
     /// The observers of signals and of wires. Each is opened when it has something to observe.
     observers: [Option<Observer>; 2],
     /// The last reported session of each program, by path. `is_located` says whether all programs were reported.
@@ -27,26 +26,21 @@ pub(super) struct Hearing {
 }
 
 impl Hearing {
-    pub(super) fn new(
-        name: &str,
-        team: Option<PathBuf>,
-        ports: Vec<Port>,
-        sinks: (Sender<ObserverEvent>, Sender<ObserverEvent>),
-    ) -> Self {
+    pub(super) fn new(name: &str, team: Option<PathBuf>, ports: Vec<Port>, sinks: Sinks) -> Self {
         let (observers, sessions) = ([None, None], BTreeMap::new());
         Self { name: name.to_owned(), team, ports, sinks, observers, sessions, is_located: false }
     }
 
-    /// Returns the wire that is recorded between these ports.
-    pub(super) fn port(&self, from: &str, to: &str) -> Option<&Port> {
-        self.ports.iter().find(|port| port.from == from && port.to == to)
+    /// Returns the wire of this name that is recorded.
+    pub(super) fn port(&self, name: &WireName) -> Option<&Port> {
+        self.ports.iter().find(|port| port.name == *name)
     }
 
     /// Receives the signals of programs.
     pub(super) fn signals(&mut self, signals: &[(String, Dial)]) {
         self.sessions.extend(signals.iter().map(|(path, dial)| (path.clone(), dial.session.clone())));
         if !signals.is_empty() {
-            let open = || Observer::open(self.team.clone(), self.sinks.0.clone());
+            let open = || Observer::open(self.team.clone(), self.sinks.clone());
             self.observers[0].get_or_insert_with(open).signals(&self.name, signals);
         }
     }
@@ -70,7 +64,7 @@ impl Hearing {
         let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
         let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
         if !ports.is_empty() {
-            let open = || Observer::open(self.team.clone(), self.sinks.1.clone());
+            let open = || Observer::open(self.team.clone(), self.sinks.clone());
             self.observers[1].get_or_insert_with(open).ports(deployment, &ports, self.team.is_some());
         }
     }

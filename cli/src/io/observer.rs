@@ -1,16 +1,19 @@
 //! The observer of a mission: a data session of the command line that subscribes to signals and ports of programs.
 
-use crate::logic::record::Port;
+use crate::io::value_queue::SharedQueue;
+use crate::logic::record::{Missing, Port, WireName};
 use comms::io::clock;
 use comms::io::data::{CallWay, DataError, DataSession, Subscription, Visitor};
 use comms::logic::control::Dial;
 use comms::logic::signals::{Peak, Peaks, Signals};
+use comms::logic::switch::Arrival;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use node::logic::protocol::Deployment;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use team::visitor::VisitorIdentity;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -22,8 +25,10 @@ const DIAL_WITHIN: Duration = Duration::from_secs(2);
 /// The most moved programs that wait while others are dialled. Further programs are not observed.
 const MORE_MAX: usize = 256;
 
-/// The longest value of a port that is recorded, in bytes.
-const VALUE_MAX: usize = 1 << 20;
+/// The longest value of a port that is recorded, in bytes: the limit of a message.
+const VALUE_MAX: usize = 16 << 20;
+/// The most bytes of values that wait to be recorded: a second of several cameras, or 16,384 small values.
+const VALUES_SIZE_MAX: usize = 64 << 20;
 
 /// A sample of a program's signals.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,19 +46,49 @@ pub struct Sample {
 pub enum ObserverEvent {
     /// A sample.
     Sample(Sample),
-    /// A value that went over a wire.
-    Port {
-        /// The output, as in [`Port`].
-        from: String,
-        /// The input, as in [`Port`].
-        to: String,
-        /// When the value arrived here.
-        arrived: Time,
-        /// The value.
-        bytes: Vec<u8>,
-    },
     /// A sentence for a person: one source cannot be seen, or none at all.
     Unseen(String),
+}
+
+/// A value that went over a wire.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct WireValue {
+    /// When the value arrived here.
+    pub(crate) arrived: Time,
+    /// The value.
+    pub(crate) bytes: Vec<u8>,
+}
+
+/// The values of wires that have arrived and wait to be recorded, and the counts of the values that are missing.
+#[derive(Debug)]
+pub(crate) struct WireValues {
+    pub(crate) queue: SharedQueue<WireName, WireValue>,
+    missing: Mutex<Missing>,
+}
+
+impl WireValues {
+    /// Returns the counts.
+    pub(crate) fn missing(&self) -> MutexGuard<'_, Missing> {
+        // No code panics while it holds the lock, so the counts are always consistent.
+        self.missing.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Default for WireValues {
+    fn default() -> Self {
+        Self { queue: SharedQueue::with_size(VALUES_SIZE_MAX), missing: Mutex::default() }
+    }
+}
+
+/// The receivers of samples and values.
+#[derive(Clone, Debug)]
+pub(crate) struct Sinks {
+    /// Samples, and sentences for a person.
+    pub(crate) events: Sender<ObserverEvent>,
+    /// The number of samples that did not fit into `events`.
+    pub(crate) dropped: Arc<AtomicU64>,
+    /// Values of wires.
+    pub(crate) values: Arc<WireValues>,
 }
 
 /// A source: its kind, its address, and its key.
@@ -68,15 +103,15 @@ struct Source {
 enum EventKind {
     /// The signals of the program with this path.
     Signals(String),
-    /// The values from an output to an input.
-    Port(String, String),
+    /// The values of a wire.
+    Port(WireName),
 }
 
 impl EventKind {
     fn name(&self) -> String {
         match self {
             Self::Signals(path) => format!("signals of `{path}`"),
-            Self::Port(from, _) => format!("the port `{from}`"),
+            Self::Port(wire) => format!("the port `{}`", wire.from),
         }
     }
 }
@@ -96,12 +131,12 @@ struct Opened {
 }
 
 impl Observer {
-    /// Opens an observer that watches nothing yet. Its events go to `sink`; when `sink` is full, samples are left out.
+    /// Opens an observer that watches nothing yet. When a sink is full, samples and values are left out and counted.
     /// In a team, `team` is the file with the credentials that the node of this machine gives its programs.
-    pub fn open(team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
+    pub(crate) fn open(team: Option<PathBuf>, sinks: Sinks) -> Self {
         let (more, sources) = mpsc::channel(MORE_MAX);
         let mut opening = JoinSet::new();
-        opening.spawn(look(sources, team, sink));
+        opening.spawn(look(sources, team, sinks));
         Self { opening, more }
     }
 
@@ -117,10 +152,10 @@ impl Observer {
     }
 
     /// Dials the producers of some wires and receives their values, as [`Observer::signals`] does for signals. Values
-    /// that are too long are left out.
+    /// that are too long are counted as missing.
     pub fn ports(&self, deployment: &Deployment, ports: &[(Port, Dial)], is_team: bool) {
         let source = |(port, dial): &(Port, Dial)| {
-            let what = EventKind::Port(port.from.clone(), port.to.clone());
+            let what = EventKind::Port(port.name.clone());
             let wire = port.key(deployment);
             let key = if is_team { key::wire_seen(&wire) } else { wire };
             Source { key, dial: dial.clone(), what }
@@ -161,8 +196,8 @@ pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)
     Ok((DataSession::open_observer(Some((identity, folder)))?, way))
 }
 
-async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Option<Opened> {
-    let unseen = async |what: String| drop(sink.send(ObserverEvent::Unseen(what)).await);
+async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sinks: Sinks) -> Option<Opened> {
+    let unseen = async |what: String| drop(sinks.events.send(ObserverEvent::Unseen(what)).await);
     let mut sources = more.recv().await?;
     // Zenoh's calls block the thread.
     let opened = tokio::task::spawn_blocking(move || open(team.as_deref())).await;
@@ -177,10 +212,10 @@ async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Send
     loop {
         let mut dialling = JoinSet::new();
         for source in sources {
-            let (session, sink) = (Arc::clone(&session), sink.clone());
+            let (session, sinks) = (Arc::clone(&session), sinks.clone());
             // If a key is already received, it is also received from the restarted program.
             let is_heard = heard.contains(&source.key);
-            dialling.spawn_blocking(move || (source.key.clone(), reach(&session, source, sink, is_heard)));
+            dialling.spawn_blocking(move || (source.key.clone(), reach(&session, source, sinks, is_heard)));
         }
         while let Some(joined) = dialling.join_next().await {
             let (subscription, why) = match joined {
@@ -209,7 +244,7 @@ async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Send
 fn reach(
     session: &DataSession,
     source: Source,
-    sink: Sender<ObserverEvent>,
+    sinks: Sinks,
     is_heard: bool,
 ) -> (Option<Subscription>, Option<String>) {
     let Source { key, dial, what } = source;
@@ -217,7 +252,7 @@ fn reach(
     // A distant program may take longer, so the session continues to dial it.
     let is_kept = dialled.is_err() && !dial.locators.is_empty();
     let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
-    let hears = linked.and_then(|()| (!is_heard).then(|| hear(session, &key, what, sink)).transpose());
+    let hears = linked.and_then(|()| (!is_heard).then(|| hear(session, &key, what, sinks)).transpose());
     match (hears, dialled) {
         (Ok(subscription), Ok(())) => (subscription, None),
         (Ok(subscription), Err(error)) => (subscription, Some(format!("{name} cannot be seen yet: {error}"))),
@@ -225,29 +260,30 @@ fn reach(
     }
 }
 
-fn hear(
-    session: &DataSession,
-    key: &str,
-    what: EventKind,
-    sink: Sender<ObserverEvent>,
-) -> Result<Subscription, DataError> {
-    let path = match what {
-        EventKind::Signals(path) => path,
-        EventKind::Port(from, to) => {
-            return session.on_sample(key, move |bytes| {
+fn hear(session: &DataSession, key: &str, what: EventKind, sinks: Sinks) -> Result<Subscription, DataError> {
+    let Sinks { events, dropped, values } = sinks;
+    match what {
+        EventKind::Port(wire) => session.on_wire(key, move |arrival, sequence| match arrival {
+            Arrival::Value(bytes) => {
+                values.missing().value(&wire, sequence);
                 if bytes.len() <= VALUE_MAX {
-                    let (from, to, bytes) = (from.clone(), to.clone(), bytes.to_vec());
-                    sink.try_send(ObserverEvent::Port { from, to, arrived: clock::now(), bytes }).unwrap_or_default();
+                    let value = WireValue { arrived: clock::now(), bytes: bytes.into_owned() };
+                    values.queue.push(&wire, value.bytes.len(), value);
+                } else {
+                    values.missing().lose(&wire, 1);
                 }
-            });
-        }
-    };
-    session.on_sample(key, move |bytes| {
-        for sample in samples(&path, &bytes, clock::now()) {
-            // The queue is full if the screen or the disk is slow. This must not slow down the robot.
-            sink.try_send(ObserverEvent::Sample(sample)).unwrap_or_default();
-        }
-    })
+            }
+            Arrival::Boundary(_) => values.missing().boundary(&wire, sequence),
+        }),
+        EventKind::Signals(path) => session.on_sample(key, move |bytes| {
+            for sample in samples(&path, &bytes, clock::now()) {
+                // The queue is full if the screen or the disk is slow. This must not slow down the robot.
+                if events.try_send(ObserverEvent::Sample(sample)).is_err() {
+                    dropped.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        }),
+    }
 }
 
 /// Returns the samples in a message: the message is one sample, or it has one sample for each peak between two samples, with its time.
@@ -270,6 +306,7 @@ mod tests {
     use comms::io::data::{Priority, Publisher};
     use comms::io::session::Reach;
     use comms::logic::signals::Signal;
+    use comms::logic::switch::Boundary;
     use std::path::PathBuf;
 
     #[test]
@@ -282,6 +319,10 @@ mod tests {
         let expected = Sample { path: "main/hit".into(), arrived: at(970), signals };
         assert_eq!(samples("main/hit", &codec::encode(&peaks).unwrap(), at(1000)), [expected]);
         assert_eq!(samples("main/hit", b"nonsense", at(1000)), []);
+    }
+
+    fn sinks(events: Sender<ObserverEvent>) -> Sinks {
+        Sinks { events, dropped: Arc::default(), values: Arc::default() }
     }
 
     /// A program that shows the signals of `main/hit`.
@@ -303,7 +344,7 @@ mod tests {
         let locators = vec![format!("unixsock-stream/{}", folder.join("late").display())];
         let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
         let (sink, mut seen) = mpsc::channel(16);
-        let observer = Observer::open(None, sink);
+        let observer = Observer::open(None, sinks(sink));
         observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
         assert!(why.starts_with("signals of `main/hit` cannot be seen yet: cannot reach session "), "{why}");
@@ -336,7 +377,7 @@ mod tests {
             ("main/hit".to_owned(), Dial { session: there.session, locators: there.local }),
         ];
         let (sink, mut seen) = mpsc::channel(16);
-        let observer = Observer::open(None, sink);
+        let observer = Observer::open(None, sinks(sink));
         observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
         assert!(
@@ -368,7 +409,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("dca-observer-again-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let (sink, mut seen) = mpsc::channel(64);
-        let observer = Observer::open(None, sink);
+        let observer = Observer::open(None, sinks(sink));
         for (value, life) in [(1.0, "first"), (2.0, "second")] {
             let (program, publisher) = program(folder.join(life)).await;
             let there = program.location();
@@ -392,6 +433,82 @@ mod tests {
         }
         assert!(seen.try_recv().is_err(), "each is seen once");
         observer.close().await;
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// Sends values of these sizes to an observer, beginning with a number. Returns the next number once the observer
+    /// knows of all of them.
+    async fn send(publisher: &Arc<Publisher>, values: &WireValues, sizes: Vec<usize>, first: u32) -> u32 {
+        let (theirs, next) = (Arc::clone(publisher), first + u32::try_from(sizes.len()).unwrap());
+        let sending = move || {
+            for (number, size) in (first..).zip(sizes) {
+                theirs.put_numbered(vec![7; size], number).unwrap();
+            }
+        };
+        tokio::task::spawn_blocking(sending).await.unwrap();
+        // The link keeps the order. A boundary that is lost on the way is repeated.
+        while values.missing().last(&wire()) != Some(next - 1) {
+            let theirs = Arc::clone(publisher);
+            let closed = Boundary::Closed { generation: 0, sent: 0 };
+            tokio::task::spawn_blocking(move || theirs.mark(&closed, next - 1).unwrap()).await.unwrap();
+        }
+        next
+    }
+
+    fn wire() -> WireName {
+        WireName { from: "main/camera/Out".to_owned(), to: "main/detector/In".to_owned() }
+    }
+
+    /// Nothing takes values out of the queue while they arrive. Each value is received or counted: those from before the
+    /// link, a burst, values of the largest size, and larger ones.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn each_value_is_received_or_counted() {
+        let folder = std::env::temp_dir().join(format!("dca-observer-burst-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (deployment, port) = (Deployment { name: "door".into(), epoch: 1 }, Port::of(wire()));
+        let (key, socket) = (port.key(&deployment), folder.join("s"));
+        let opening = tokio::task::spawn_blocking(move || {
+            let program = DataSession::open(&socket, Reach::Host).unwrap();
+            let publisher = Arc::new(program.publisher(&key, Priority::Wire).unwrap());
+            (program, publisher)
+        });
+        let (program, publisher) = opening.await.unwrap();
+        let there = program.location();
+        let (sink, _seen) = mpsc::channel(16);
+        let sinks = sinks(sink);
+        let values = Arc::clone(&sinks.values);
+        let observer = Observer::open(None, sinks);
+        observer.ports(&deployment, &[(port, Dial { session: there.session, locators: there.local })], false);
+        let waiting = Arc::clone(&publisher);
+        let heard = tokio::task::spawn_blocking(move || waiting.wait_heard(Duration::from_secs(20))).await.unwrap();
+        assert!(heard, "nobody listens");
+        // Two values were sent earlier. A large value may be lost on a busy machine, so it is repeated.
+        let (mut number, mut received, mut largest) = (3, 0, 0);
+        while largest < VALUE_MAX {
+            number = send(&publisher, &values, vec![VALUE_MAX], number).await;
+            while let Some(queued) = values.queue.pop() {
+                (received, largest) = (received + 1, largest.max(queued.value.bytes.len()));
+            }
+        }
+        number = send(&publisher, &values, vec![VALUE_MAX + 1], number).await;
+        assert_eq!(values.queue.pop(), None);
+        number = send(&publisher, &values, vec![10; 3000], number + 1).await;
+        let mut burst = 0;
+        while let Some(queued) = values.queue.pop() {
+            assert_eq!(queued.lost, 0);
+            burst += 1;
+        }
+        let pending = values.missing().pending();
+        let [(_, count)] = &pending[..] else { panic!("{pending:?}") };
+        let sent = u64::from(number) - 1;
+        assert_eq!((count.early, count.early + received + burst + count.lost), (2, sent), "{pending:?}");
+        assert!(burst > 1500, "{burst} of 3000 values");
+        observer.close().await;
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(publisher);
+            program.close();
+        });
+        closing.await.unwrap();
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -1,9 +1,9 @@
 //! Writes the record of a run, on a separate thread.
 //!
 //! The queue to the thread is bounded, and no producer ever waits for it. If the queue is full, samples are dropped and
-//! counted. Reports may use twice the length, so that many samples at once cannot displace them. Data older than a
-//! second is in the file, in whole chunks and followed by an end. So a recorder that is killed loses at most the last
-//! second, and any reader opens the rest.
+//! counted. Reports may use twice the length, so that many samples at once cannot displace them. Values of wires have a
+//! limit of their own, in bytes. Data older than a second is in the file, in whole chunks and followed by an end. So a
+//! recorder that is killed loses at most the last second, and any reader opens the rest.
 
 mod disk;
 mod queue;
@@ -152,15 +152,11 @@ impl Recorder {
         &self.path
     }
 
-    /// Records an entry. If the queue is full, counts it as dropped. Never waits.
-    pub fn push(&self, entry: Entry) {
-        let limit = match entry {
-            Entry::Report(_) | Entry::Output { .. } => queue::REPORTS,
-            Entry::Signals { .. } => queue::SAMPLES,
-            Entry::Port { .. } => queue::PORTS,
-        };
+    /// Records an entry; returns false if the queue is full. Then a sample or a report is counted as dropped, and the
+    /// caller counts a value. Never waits.
+    pub fn push(&self, entry: Entry) -> bool {
         let (since_1970, since) = self.begun;
-        self.queue.push(entry, since_1970 + (clock::now() - since), limit);
+        self.queue.push(entry, since_1970 + (clock::now() - since))
     }
 
     /// Returns whether the record has broken off. Then nothing more is written, and [`Recorder::finish`] returns the reason.
@@ -168,7 +164,8 @@ impl Recorder {
         self.thread.as_ref().is_some_and(JoinHandle::is_finished)
     }
 
-    /// Writes the entries that are still in the queue, and ends the record. Returns its path, and the number of dropped entries.
+    /// Writes the entries that are still in the queue, and ends the record. Returns its path, and the number of dropped samples and
+    /// reports.
     ///
     /// # Errors
     /// Something could not be written, now or earlier. The record is readable up to that point.

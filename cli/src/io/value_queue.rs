@@ -18,21 +18,36 @@ impl<S: Ord + Clone, V> SharedQueue<S, V> {
         self.came.notify_one();
     }
 
+    /// Returns an empty queue for this many bytes.
+    pub(crate) fn with_size(size_max: usize) -> Self {
+        Self { values: Mutex::new(ValueQueue::with_size(size_max)), came: Notify::new() }
+    }
+
     /// Returns the next value.
     ///
     /// # Cancellation
     /// Safe.
     pub(crate) async fn next(&self) -> Queued<S, V> {
         loop {
-            if let Some(value) = self.values.lock().unwrap_or_else(PoisonError::into_inner).pop() {
+            if let Some(value) = self.pop() {
                 return value;
             }
             self.came.notified().await;
         }
     }
+
+    /// Returns the next value, if there is one.
+    pub(crate) fn pop(&self) -> Option<Queued<S, V>> {
+        self.values.lock().unwrap_or_else(PoisonError::into_inner).pop()
+    }
+
+    /// Returns the sources that have lost values since their last value was taken out, and how many.
+    pub(crate) fn lost(&self) -> Vec<(S, u64)> {
+        self.values.lock().unwrap_or_else(PoisonError::into_inner).lost()
+    }
 }
 
-impl<S, V> Default for SharedQueue<S, V> {
+impl<S: Ord + Clone, V> Default for SharedQueue<S, V> {
     fn default() -> Self {
         Self { values: Mutex::default(), came: Notify::new() }
     }

@@ -2,8 +2,9 @@
 //!
 //! Each message is JSON, so that any MCAP viewer shows it. Only messages of ROS 2 are CDR, with their definitions.
 //! Reports are on `/events`. The samples of a program are on `/signals/<path>`, each as one object of numbers. The
-//! output of programs is on `/log`. Times are since 1970. The spec and its plan are attachments. This module converts
-//! entries to messages, and the bytes of a file back to a [`Run`]; `io::recorder` has the file and the thread.
+//! output of programs is on `/log`. Values that are not in the record are counted on `/missing`. Times are since 1970.
+//! The spec and its plan are attachments. This module converts entries to messages, and the bytes of a file back to a
+//! [`Run`]; `io::recorder` has the file and the thread.
 //!
 //! Viewers need more than the format requires. A schema is an object whose properties have types, without `$ref`. Two
 //! schemas never have the same name, and a topic has only one schema. A name that a viewer plots contains only letters,
@@ -12,6 +13,7 @@
 
 mod lines;
 mod message;
+mod missing;
 mod parts;
 mod ports;
 mod read;
@@ -23,11 +25,13 @@ mod value;
 pub use lines::Lines;
 pub use message::Messages;
 pub(crate) use message::{decode as decoded, messages};
+pub(crate) use missing::Missing;
+pub use missing::{MissingValues, WireName};
 pub use ports::{Port, ports};
 
 pub(crate) use message::{names as field_names, schema as message_schema};
 pub use read::ReadError;
-pub use row::{EVENTS, Form, LOG, PORTS, Row, Rows, SIGNALS, Topic};
+pub use row::{EVENTS, Form, LOG, MISSING, PORTS, Row, Rows, SIGNALS, Topic};
 pub(crate) use row::{base64, kind as report_kind};
 pub(crate) use schema::{event as event_schema, free_name, log as log_schema, plain_name, plain_path};
 #[cfg(test)]
@@ -114,6 +118,15 @@ pub enum Entry {
         /// The type of the value, if the interface of the producer declares it.
         message: Option<Arc<Message>>,
     },
+    /// Values of a wire that are not in the record, since the previous entry of this kind.
+    Missing {
+        /// The wire.
+        wire: WireName,
+        /// When the count was made, since GO.
+        at: Duration,
+        /// The count.
+        count: MissingValues,
+    },
 }
 
 /// A record that was read back.
@@ -140,7 +153,7 @@ impl Run {
                 Entry::Report(report) => mission.report(report),
                 Entry::Signals { path, at, sample } => mission.signals(path, *at, sample),
                 Entry::Output { path, text, .. } => mission.wrote(path, text),
-                Entry::Port { .. } => {}
+                Entry::Port { .. } | Entry::Missing { .. } => {}
             }
         }
         mission
@@ -158,6 +171,17 @@ impl Run {
         let gap = || format!("it lacks {}, which came while its recorder was cut off", counted(missed, "report"));
         let is_over = self.entries.iter().any(is_last);
         self.damage.clone().or_else(|| (missed > 0).then(gap)).or_else(|| (!is_over).then(cut))
+    }
+
+    /// Returns a sentence for each wire some of whose values are not in the record.
+    pub fn missing(&self) -> Vec<String> {
+        let mut counts: BTreeMap<&WireName, MissingValues> = BTreeMap::new();
+        for entry in &self.entries {
+            if let Entry::Missing { wire, count, .. } = entry {
+                *counts.entry(wire).or_default() += *count;
+            }
+        }
+        missing::sentences(counts.into_iter())
     }
 
     /// Returns the output of each program, in the order of their paths.

@@ -72,7 +72,10 @@ impl Spans {
                 Entry::Report(Report::Process { path, change, at }) => spans.change(path, change, *at),
                 Entry::Report(Report::Finished { ending, at, .. }) => spans.end("", ending, *at),
                 Entry::Report(_) => {}
-                Entry::Signals { at, .. } | Entry::Output { at, .. } | Entry::Port { at, .. } => {
+                Entry::Signals { at, .. }
+                | Entry::Output { at, .. }
+                | Entry::Port { at, .. }
+                | Entry::Missing { at, .. } => {
                     spans.now = spans.now.max(*at);
                 }
             }

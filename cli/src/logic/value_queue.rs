@@ -5,9 +5,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-/// The most bytes in the queue: two seconds of a camera with 4 MB/s. A larger value can only be in the queue alone.
+/// The usual limit of bytes in the queue: two seconds of a camera with 4 MB/s.
 const SIZE_MAX: usize = 8 << 20;
-/// A value counts as at least this many bytes, so that the queue has at most 2048 values.
+/// A value counts as at least this many bytes, so that a queue of the usual size has at most 2048 values.
 const VALUE_MIN: usize = 4 << 10;
 
 /// A value that comes out of the queue.
@@ -24,6 +24,8 @@ pub(crate) struct Queued<S, V> {
 pub(crate) struct ValueQueue<S, V> {
     sources: BTreeMap<S, Waiting<V>>,
     size: usize,
+    /// The most bytes in the queue. A larger value can only be in the queue alone.
+    size_max: usize,
     /// The position of the next value among all values that came.
     next: u64,
 }
@@ -43,10 +45,15 @@ struct Entry<V> {
 }
 
 impl<S: Ord + Clone, V> ValueQueue<S, V> {
+    /// Returns an empty queue for this many bytes.
+    pub(crate) fn with_size(size_max: usize) -> Self {
+        Self { sources: BTreeMap::new(), size: 0, size_max, next: 0 }
+    }
+
     /// Adds a value of this size in bytes.
     pub(crate) fn push(&mut self, source: &S, size: usize, value: V) {
         let size = size.max(VALUE_MIN);
-        while self.size > 0 && self.size.saturating_add(size) > SIZE_MAX {
+        while self.size > 0 && self.size.saturating_add(size) > self.size_max {
             self.drop_one();
         }
         let new = || Waiting { values: VecDeque::new(), size: 0, lost: 0 };
@@ -72,6 +79,12 @@ impl<S: Ord + Clone, V> ValueQueue<S, V> {
         Some(Queued { source, value, lost })
     }
 
+    /// Returns the sources that have lost values since their last value was taken out, and how many.
+    pub(crate) fn lost(&mut self) -> Vec<(S, u64)> {
+        let lost = self.sources.iter_mut().map(|(source, waiting)| (source.clone(), std::mem::take(&mut waiting.lost)));
+        lost.filter(|(_, lost)| *lost > 0).collect()
+    }
+
     /// Drops the oldest value of the source with the most bytes.
     fn drop_one(&mut self) {
         let Some(most) = self.sources.values_mut().max_by_key(|waiting| waiting.size) else { return };
@@ -83,9 +96,9 @@ impl<S: Ord + Clone, V> ValueQueue<S, V> {
     }
 }
 
-impl<S, V> Default for ValueQueue<S, V> {
+impl<S: Ord + Clone, V> Default for ValueQueue<S, V> {
     fn default() -> Self {
-        Self { sources: BTreeMap::new(), size: 0, next: 0 }
+        Self::with_size(SIZE_MAX)
     }
 }
 
@@ -143,7 +156,8 @@ mod tests {
                 take(one);
             }
             // A large value of one source may displace the last value of another source.
-            let rest = |source: usize| queue.sources.get(&source).map_or(0, |waiting| waiting.lost);
+            let rest = queue.lost();
+            let rest = |source: usize| rest.iter().find(|(of, _)| *of == source).map_or(0, |(_, lost)| *lost);
             assert_eq!([0, 1, 2].map(|source| next[source] + rest(source)), put, "seed {seed}");
         }
     }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
 use crate::logic::mission::{Files, summary};
+use crate::logic::record::{MissingValues, WireName};
 use comms::logic::layout::{Field, Layout, Message};
 use comms::logic::signals::{Signal, Signals};
 use node::logic::protocol::{Ending, Report};
@@ -301,10 +302,10 @@ fn a_full_queue_drops_samples_before_reports_and_counts_them() {
     let queue = Queue::default();
     let sample = || entries().into_iter().find(|entry| matches!(entry, Entry::Signals { .. })).unwrap();
     for _ in 0..queue::SAMPLES + 3 {
-        queue.push(sample(), ARRIVED, queue::SAMPLES);
+        queue.push(sample(), ARRIVED);
     }
     let go = Entry::Report(Report::Go { took: seconds(0.8), signals: Vec::new() });
-    queue.push(go, ARRIVED, queue::REPORTS);
+    assert!(queue.push(go, ARRIVED));
     assert_eq!(queue.dropped(), 3);
     queue.close();
     let mut left = 0;
@@ -407,6 +408,75 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
     );
     // These messages are for other tools. A report does not use them.
     assert_eq!(Run::from_bytes(&bytes).map(|run| (run.entries, run.damage)).unwrap(), (Vec::new(), None));
+}
+
+fn value(bytes: usize) -> Entry {
+    let (from, to) = ("main/camera/Out".to_owned(), "main/detector/In".to_owned());
+    Entry::Port { from, to, at: Duration::ZERO, bytes: vec![7; bytes], message: None }
+}
+
+/// Values of wires wait up to a limit of bytes. Neither many nor large values displace reports, or samples.
+#[test]
+fn values_have_a_limit_of_their_own() {
+    let queue = Queue::default();
+    let large = queue::VALUES_SIZE_MAX / 4;
+    let pushed: Vec<bool> = [large, large, large, large, 1].map(|size| queue.push(value(size), ARRIVED)).to_vec();
+    assert_eq!(pushed, [true, true, true, true, false]);
+    assert!(queue.push(entries().remove(0), ARRIVED));
+    assert!(matches!(queue.pop(Duration::ZERO), Work::Entry(..)));
+    // A second of a producer at 10 kHz.
+    assert!((0..8_000).all(|_| queue.push(value(100), ARRIVED)));
+    assert!(queue.push(entries().remove(0), ARRIVED));
+    assert_eq!(queue.dropped(), 0);
+    // A value above the limit can be recorded alone.
+    let queue = Queue::default();
+    assert!(queue.push(value(queue::VALUES_SIZE_MAX + 1), ARRIVED) && !queue.push(value(1), ARRIVED));
+}
+
+/// The record has the number of the values that it lacks, and a report says it.
+#[test]
+fn missing_values_are_counted_in_the_record() {
+    let wire = |input: &str| WireName { from: "main/camera/Out".to_owned(), to: format!("main/{input}/In") };
+    let missing = |input, at, early, lost| Entry::Missing {
+        wire: wire(input),
+        at: seconds(at),
+        count: MissingValues { early, lost },
+    };
+    let folder = Folder::new("missing");
+    let recorder = Recorder::create(&folder.0, &header()).unwrap();
+    let counts = [missing("a", 1.0, 2, 0), missing("b", 1.0, 0, 1), missing("a", 2.0, 0, 650)];
+    for entry in entries()[..1].iter().chain(&counts) {
+        assert!(recorder.push(entry.clone()));
+    }
+    let (path, _) = recorder.finish().unwrap();
+    let run = read(&path).unwrap();
+    assert_eq!((&run.entries[1..], run.damage.clone()), (&counts[..], None));
+    assert_eq!(
+        run.missing(),
+        [
+            "650 values of main/camera.Out to main/a.In are not in the record, and neither are the first 2: the recorder was not linked yet",
+            "1 value of main/camera.Out to main/b.In is not in the record",
+        ]
+    );
+    assert!(
+        crate::logic::page::page(&run).contains("650 values of main/camera.Out to main/a.In are not in the record")
+    );
+    let files = Files { record: Some("run.mcap".to_owned()), missing: run.missing(), ..Files::default() };
+    let text = summary(&run.mission(), &files, None);
+    assert!(text.contains("  record  run.mcap\n          650 values of main/camera.Out"), "{text}");
+    // A viewer gets the counts as messages of a topic.
+    let mut seen = 0;
+    for message in mcap::MessageStream::new(&fs::read(path).unwrap()).unwrap() {
+        let message = message.unwrap();
+        if message.channel.topic == "/missing" {
+            let schema = serde_json::from_slice(&message.channel.schema.as_ref().unwrap().data).unwrap();
+            let (data, mut wrong) = (serde_json::from_slice(&message.data).unwrap(), Vec::new());
+            conforms(&schema, &data, &mut wrong);
+            assert!(wrong.is_empty(), "{wrong:?} {data}");
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, 3);
 }
 
 /// Messages of ROS 2 are recorded unchanged, with their definitions. To a viewer, the record looks like one of ROS 2.

@@ -29,6 +29,8 @@ pub struct Files {
     pub report: Option<String>,
     /// How many samples the recorder has left out.
     pub dropped: u64,
+    /// A sentence for each wire some of whose values are not in the record.
+    pub missing: Vec<String>,
 }
 
 /// Returns the summary of a mission that has ended, on one screen, with a line feed at its end. No line is wider than
@@ -70,9 +72,10 @@ fn text(mission: &Mission, files: &Files, columns: usize) -> String {
         0 => String::new(),
         count => format!(" ({} left out: the disk was too slow)", counted(count, "sample")),
     };
+    let missing = files.missing.iter().map(|sentence| format!("          {sentence}\n"));
     let record = files.record.iter().map(|path| format!("  record  {path}{dropped}\n"));
     let report = files.report.iter().map(|path| format!("  report  {path}\n"));
-    let lines: String = record.chain(report).collect();
+    let lines: String = record.chain(missing).chain(report).collect();
     if !lines.is_empty() {
         text.push_str(&format!("\n{lines}"));
     }
@@ -256,7 +259,7 @@ mod tests {
         mission.report(&end);
         let record = Some("runs/test-1/run.mcap".to_owned());
         let report = Some("runs/test-1/report.html".to_owned());
-        expect.assert_eq(&summary(&mission, &Files { record, report, dropped: 0 }, None));
+        expect.assert_eq(&summary(&mission, &Files { record, report, ..Files::default() }, None));
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub(crate) fn feed_more(mission: &mut Mission, table: &str) {
         match entry {
             Entry::Report(report) => mission.report(&report),
             Entry::Signals { path, at, sample } => mission.signals(&path, at, &sample),
-            Entry::Output { .. } | Entry::Port { .. } => {}
+            Entry::Output { .. } | Entry::Port { .. } | Entry::Missing { .. } => {}
         }
     }
 }

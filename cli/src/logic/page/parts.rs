@@ -54,6 +54,7 @@ pub(super) fn head(run: &Run, mission: &Mission) -> String {
     if let Some(damage) = &run.damage {
         alarm(&format!("the record is not complete: {damage}"));
     }
+    run.missing().iter().for_each(|sentence| alarm(sentence));
     text
 }
 

@@ -1,6 +1,7 @@
 //! Chooses the wires whose values are recorded.
 
 use super::message::Messages;
+use super::missing::WireName;
 use crate::logic::tap::Wanted;
 use comms::logic::key;
 use comms::logic::layout::Message;
@@ -13,10 +14,8 @@ use std::sync::Arc;
 pub struct Port {
     /// Path of the producer.
     pub producer: String,
-    /// Path of the producer and its output.
-    pub from: String,
-    /// Path of the consumer and its input.
-    pub to: String,
+    /// The ends of the wire.
+    pub name: WireName,
     /// The type of the values, if the interface of the producer declares it.
     pub message: Option<Arc<Message>>,
     /// Index into `Plan::wires`.
@@ -24,6 +23,12 @@ pub struct Port {
 }
 
 impl Port {
+    /// Returns a wire without a known type.
+    #[cfg(test)]
+    pub(crate) fn of(name: WireName) -> Self {
+        Self { producer: "main".to_owned(), name, message: None, wire: 0 }
+    }
+
     /// Returns the key under which the values of the wire are sent.
     pub fn key(&self, deployment: &Deployment) -> String {
         key::wire(&deployment.name, deployment.epoch, self.wire)
@@ -63,7 +68,8 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         }
         for (wire, route) in pushed {
             let ((producer, from), (_, to)) = (named(&route.from), named(&route.to));
-            let port = Port { producer, from, to, message: message(&route.from), wire };
+            let message = message(&route.from);
+            let port = Port { producer, name: WireName { from, to }, message, wire };
             if !found.contains(&port) {
                 found.push(port);
             }
@@ -88,7 +94,8 @@ mod tests {
         let check = |what: &[&str], expected: Result<&[&str], &str>| {
             let what: Vec<String> = what.iter().map(|what| (*what).to_owned()).collect();
             let found = ports(&plan, &what, &Messages::new());
-            let found = found.as_ref().map(|ports| ports.iter().map(|port| port.from.as_str()).collect::<Vec<_>>());
+            let found =
+                found.as_ref().map(|ports| ports.iter().map(|port| port.name.from.as_str()).collect::<Vec<_>>());
             assert_eq!(found.as_deref().map_err(|why| why.as_str()), expected, "{what:?}");
         };
         check(&["all"], Ok(&["main/sys/servo/Out", "main/sys/near/Out"]));

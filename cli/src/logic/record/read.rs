@@ -4,7 +4,8 @@ use crate::logic::record::parts::{self, Next, Part};
 use crate::logic::record::row::{Form, PATH, PORTS, TO, Unit};
 use crate::logic::record::schema::STAMP;
 use crate::logic::record::{
-    ABOUT, About, EVENTS, Entry, Header, LOG, PLAN, RecordedValue, Run, SIGNALS, SPEC, VERSION, ValueForm,
+    ABOUT, About, EVENTS, Entry, Header, LOG, MISSING, MissingValues, PLAN, RecordedValue, Run, SIGNALS, SPEC, VERSION,
+    ValueForm, WireName,
 };
 use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
@@ -119,6 +120,14 @@ struct Log {
     message: String,
 }
 
+#[derive(serde::Deserialize)]
+struct MissingCount {
+    output: String,
+    input: String,
+    early: u64,
+    lost: u64,
+}
+
 impl RecordReader<'_> {
     /// Reads all intact parts up to the end of the data.
     fn all(&mut self) {
@@ -176,7 +185,10 @@ impl RecordReader<'_> {
         }
         for entry in &mut self.entries {
             match entry {
-                Entry::Signals { at, .. } | Entry::Output { at, .. } | Entry::Port { at, .. } => {
+                Entry::Signals { at, .. }
+                | Entry::Output { at, .. }
+                | Entry::Port { at, .. }
+                | Entry::Missing { at, .. } => {
                     *at = go.map_or(Duration::ZERO, |go| at.saturating_sub(go));
                 }
                 Entry::Report(_) => {}
@@ -277,6 +289,11 @@ impl Channel {
         if self.topic == LOG {
             let Log { name, message } = parse(data)?;
             return Ok(Some(Entry::Output { path: name, at, text: message }));
+        }
+        if self.topic == MISSING {
+            let MissingCount { output, input, early, lost } = parse(data)?;
+            let (wire, count) = (WireName { from: output, to: input }, MissingValues { early, lost });
+            return Ok(Some(Entry::Missing { wire, at, count }));
         }
         if !self.topic.starts_with(SIGNALS) {
             return Ok(None);

@@ -1,6 +1,6 @@
 //! Turns an entry of a record into messages.
 
-use crate::logic::record::{Entry, message, schema};
+use crate::logic::record::{Entry, MissingValues, WireName, message, schema};
 use crate::logic::ros;
 use ::ros::logic::cdr;
 use ::ros::logic::schema::Schema;
@@ -18,6 +18,8 @@ use view::sentence::report_text;
 pub const EVENTS: &str = "/events";
 /// The topic for the output of programs.
 pub const LOG: &str = "/log";
+/// The topic for counts of values that are not in the record.
+pub const MISSING: &str = "/missing";
 /// The beginning of a topic for the signals of a program. The path of the program follows, in plain names.
 pub const SIGNALS: &str = "/signals/";
 /// The beginning of a topic for the values of a wire. The path of the output follows, in plain names.
@@ -30,7 +32,7 @@ pub(super) const TO: &str = "dca.to";
 /// A channel of the record.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Topic {
-    /// `/events`, `/log` or `/signals/<path>`.
+    /// `/events`, `/log`, `/missing`, `/signals/<path>` or `/ports/<path>/<port>`.
     pub name: String,
     /// The form of the messages.
     pub form: Form,
@@ -172,6 +174,12 @@ impl Rows {
                     "timestamp": timestamp, "level": 0, "message": text, "name": path, "file": "", "line": 0,
                 });
                 Row { topic, at, data: json(&log) }
+            }
+            Entry::Missing { wire: WireName { from, to }, at, count: MissingValues { early, lost } } => {
+                let at = self.since_1970(*at, arrived);
+                let topic = self.single(MISSING, "dca.Missing", schema::missing);
+                let missing = json!({ "output": from, "input": to, "early": early, "lost": lost });
+                Row { topic, at, data: json(&missing) }
             }
         }
     }

@@ -68,6 +68,19 @@ pub(crate) fn log() -> Value {
     schema
 }
 
+/// Returns the schema for counts of values that are not in the record.
+pub(super) fn missing() -> Value {
+    object(
+        "dca.Missing",
+        [
+            ("output", "string", "the path of the output that sent the values"),
+            ("input", "string", "the path of the input at the other end of the wire"),
+            ("early", "integer", "the number of values before the recorder was linked to the program"),
+            ("lost", "integer", "the number of later values that are not in the record, since the previous count"),
+        ],
+    )
+}
+
 /// Returns the schema for values that only the programs at both ends of the wire can read. No interface describes the
 /// values, or they do not match the interface.
 pub(super) fn port() -> Value {

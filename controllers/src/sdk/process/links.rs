@@ -362,14 +362,14 @@ impl Made {
         for wire in close {
             let Some(wire) = self.wires.get_mut(wire) else { continue };
             let sent = wire.flow.close();
-            wire.way.mark(&Boundary::Closed { generation: *generation, sent }, wire.flow.number());
+            wire.mark(&Boundary::Closed { generation: *generation, sent }, wire.flow.number());
             wire.way.keep(None);
         }
         for Opening { wire, after } in open {
             let Some(wire) = self.wires.get_mut(wire) else { continue };
             let (was_open, before) = (wire.flow.is_open(), wire.flow.number());
             let last = wire.flow.open(now);
-            wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
+            wire.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
             match (&wire.way, last) {
                 (Transport::Push(_), Some(last)) => wire.repeat(last),
                 (Transport::Push(_), None) => {}

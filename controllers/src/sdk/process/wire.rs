@@ -95,8 +95,22 @@ impl Wire {
     pub(super) fn send(&self, payload: &Payload) {
         let Transport::Push(Push { publisher, .. }) = &self.way else { return };
         put_numbered(publisher, payload.clone(), self.flow.number());
-        if let Some(seen) = self.seen.as_ref().filter(|_| self.is_seen()) {
-            put(seen, payload.clone());
+        if let Some(seen) = self.seen.as_ref().filter(|seen| seen.is_heard()) {
+            put_numbered(seen, payload.clone(), self.flow.number());
+        }
+    }
+
+    /// Sends a boundary between the values, with the number of the previous value, to the consumer and to people who
+    /// watch.
+    pub(super) fn mark(&self, boundary: &Boundary, number: u32) {
+        let Transport::Push(Push { publisher, outlet }) = &self.way else { return };
+        let is_direct = outlet.as_ref().is_some_and(|outlet| outlet.mark(boundary, number));
+        let zenoh = Some(publisher).filter(|publisher| !is_direct || publisher.is_heard_over_zenoh());
+        let seen = self.seen.as_ref().filter(|seen| seen.is_heard());
+        for publisher in zenoh.into_iter().chain(seen) {
+            if let Err(error) = publisher.mark(boundary, number) {
+                tracing::debug!(%error, "cannot report a switch");
+            }
         }
     }
 }
@@ -143,16 +157,6 @@ impl Push {
 }
 
 impl Transport {
-    /// Sends a boundary between the values of a pushed wire.
-    pub(super) fn mark(&self, boundary: &Boundary, number: u32) {
-        let Self::Push(Push { publisher, outlet }) = self else { return };
-        if !outlet.as_ref().is_some_and(|outlet| outlet.mark(boundary, number))
-            && let Err(error) = publisher.mark(boundary, number)
-        {
-            tracing::debug!(%error, "cannot report a switch");
-        }
-    }
-
     /// Stores this value for fetches.
     pub(super) fn keep(&self, value: Option<Vec<u8>>) {
         if let Self::Pull { latest, .. } = self {
