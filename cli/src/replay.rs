@@ -3,13 +3,14 @@
 use crate::follow::{self, Spec};
 use crate::io::{named_file, recorder};
 use crate::logic::foxglove::{layout_of_record, origin};
-use crate::logic::record::{Run, messages};
+use crate::logic::record::{Run, messages, output_message};
 use crate::logic::replay::{self, Playing, StandIn, TAIL};
 use crate::reader::Reader;
 use crate::run::{self, Here};
 use crate::viewer::foxglove::{put_layout, serve_record};
 use crate::{Controllers, Values, check, viewer};
 use anyhow::{Context as _, anyhow};
+use language::plan::LeafPort;
 use node::console::{self, Failure, block_on};
 use node::io::programs;
 use node::logic::table::counted;
@@ -147,8 +148,11 @@ fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path
     let types = messages(&spec.modules);
     for stand_in in stand_ins {
         let Some(leaf) = spec.plan.leaves.get(stand_in.leaf as usize) else { continue };
-        let (path, of_module) = (leaf.path.clone(), types.get(&leaf.module));
-        let message = |output: &str| of_module?.get(output);
+        let path = leaf.path.clone();
+        let port = |output: &String| LeafPort { leaf: stand_in.leaf, port: output.clone() };
+        let of_output = |output| Some((output, output_message(&spec.plan, &types, &port(output))?));
+        let of_outputs: BTreeMap<&String, _> = stand_in.outputs.iter().filter_map(of_output).collect();
+        let message = |output: &str| of_outputs.get(&output.to_owned());
         let steps = replay::steps(recorded, &path, stand_in, message).map_err(|why| anyhow!("`{path}`: {why}"))?;
         for (output, counts) in &steps.counts {
             console::note(&format!("plays {path}.{output}: {}", steps.plays(output)));

@@ -127,14 +127,20 @@ impl Plan {
 
     /// Returns whether any number of processes may send to a port at the same time: the bridge to ROS 2 publishes their transforms.
     pub fn has_many_senders(&self, port: &LeafPort) -> bool {
-        let bridge = self.leaves.get(port.leaf as usize).filter(|leaf| leaf.module == BRIDGE);
-        let arguments = bridge.into_iter().flat_map(|leaf| &leaf.arguments);
-        let routes = arguments.filter(|argument| argument.name.as_deref() == Some(ROUTES)).find_map(|argument| {
-            let Constant::Text(text) = &argument.value else { return None };
-            Route::list(text)
-        });
-        let mut routes = routes.into_iter().flatten();
-        routes.any(|route| route.port() == port.port && route.has_transforms())
+        self.route(port).is_some_and(|route| route.has_transforms())
+    }
+
+    /// Returns the type of the messages of a port of the bridge to ROS 2, as a spec writes it: `ros.sensor.LaserScan`.
+    pub fn ros_type(&self, port: &LeafPort) -> Option<String> {
+        self.route(port).map(|route| route.of.spec())
+    }
+
+    /// Returns the topic or service that a port of the bridge to ROS 2 stands for.
+    fn route(&self, port: &LeafPort) -> Option<Route> {
+        let bridge = self.leaves.get(port.leaf as usize).filter(|leaf| leaf.module == BRIDGE)?;
+        let routes = bridge.arguments.iter().find(|argument| argument.name.as_deref() == Some(ROUTES))?;
+        let Constant::Text(text) = &routes.value else { return None };
+        Route::list(text)?.into_iter().find(|route| route.port() == port.port)
     }
 
     /// Returns the ends of a wire: `main/a, Out -> main/b, In`.

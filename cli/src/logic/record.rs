@@ -27,6 +27,7 @@ pub use message::Messages;
 pub(crate) use message::{decode as decoded, messages};
 pub(crate) use missing::Missing;
 pub use missing::{MissingValues, WireName};
+pub(crate) use ports::output_message;
 pub use ports::{Port, ports};
 
 pub(crate) use message::{names as field_names, schema as message_schema};

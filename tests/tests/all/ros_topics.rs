@@ -4,6 +4,7 @@ use controllers::ros::Message as _;
 use controllers::ros::{geometry_msgs::TransformStamped, tf2_msgs::TFMessage};
 use dca_tests::cluster::{Cluster, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
+use std::path::Path;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 use zenoh::sample::{Sample, SampleKind};
@@ -132,10 +133,15 @@ fn message(text: &str) -> Vec<u8> {
 }
 
 pub(super) fn run(cluster: &Cluster, ros: &Ros, spec: &str) -> Program {
+    run_with(cluster, ros, spec, &[])
+}
+
+fn run_with(cluster: &Cluster, ros: &Ros, spec: &str, options: &[&str]) -> Program {
     let here =
         cluster.here().with_variable("ROS_DOMAIN_ID", "7").with_variable("ZENOH_CONFIG_OVERRIDE", &ros.setting());
     let file = cluster.file("echo.dca", spec);
-    here.dca(&["run", "--controllers", &executable("dca-counting").display().to_string(), &file])
+    let controllers = executable("dca-counting").display().to_string();
+    here.dca(&[&["run", "--controllers", &controllers, &file], options].concat())
 }
 
 /// Sends a text until the controller has sent it back, since the wires of a mission open one after the other.
@@ -254,4 +260,95 @@ fn static_transforms_of_several_nodes_are_there_for_late_ones() {
     drop(nodes);
     mission.signal(Signal::INT);
     mission.ended(SOON);
+}
+
+/// The numbered texts of a topic in a record, and how many later values the record lacks.
+#[derive(Debug, Default)]
+struct RecordedTexts {
+    /// The number and the size of each text.
+    texts: Vec<(u64, usize)>,
+    lost: u64,
+}
+
+impl RecordedTexts {
+    /// Reads the texts of an output. The last part of a record that is being written is left out.
+    fn of(record: &Path, output: &str) -> Self {
+        let mut found = Self::default();
+        let bytes = std::fs::read(record).unwrap_or_default();
+        for message in mcap::MessageStream::new(&bytes).into_iter().flatten().map_while(Result::ok) {
+            let channel = &message.channel;
+            if channel.topic == "/missing" {
+                let count: serde_json::Value = serde_json::from_slice(&message.data).expect("it is JSON");
+                let lost = count["lost"].as_u64().expect("it is a number");
+                found.lost += if count["output"] == output { lost } else { 0 };
+            } else if channel.topic == format!("/ports/{output}") {
+                let schema = channel.schema.as_ref().expect("each topic has one");
+                let forms = (channel.message_encoding.as_str(), schema.encoding.as_str(), schema.name.as_str());
+                assert_eq!(forms, ("cdr", "ros2msg", "std_msgs/msg/String"));
+                found.texts.push((number(&message.data), message.data.len()));
+            }
+        }
+        found
+    }
+}
+
+/// Returns the number at the beginning of the text of a message.
+fn number(message: &[u8]) -> u64 {
+    let digits = message[8..].iter().take_while(|byte| byte.is_ascii_digit());
+    digits.fold(0, |number, digit| 10 * number + u64::from(digit - b'0'))
+}
+
+/// The record has messages of ROS 2 in the form of ROS 2, large ones as well. The bridge is suspended, and then sends a
+/// burst. Each value that the record lacks is counted.
+#[test]
+fn each_message_of_a_bridge_is_recorded_or_counted() {
+    const LARGE: usize = 1_100_000;
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let (_subscriber, heard) = ros.hear();
+    let spec = ECHO.replace("topic(\"/there\", qos = transient_local(1))", "topic(\"/there\", qos = reliable(1000))");
+    let mission = run_with(&cluster, &ros, &spec, &["--record", "all"]);
+    let record = cluster.folder().join("runs/echo-1/run.mcap");
+    let read = || RecordedTexts::of(&record, "main/ros/there");
+    assert!(wait_until(SOON, || ros.is_subscribed()).is_some(), "{}", mission.text(Stream::Err));
+    let mut said = 0_u64;
+    let mut say = |size: usize| {
+        said += 1;
+        let put = ros.session.put(format!("7/there/{STRING}"), message(&format!("{said} {}", "x".repeat(size))));
+        let put = put.congestion_control(zenoh::qos::CongestionControl::Block);
+        put.attachment(attachment(said.cast_signed())).wait().expect("a peer of a test");
+        said
+    };
+    let pause = || heard.recv_timeout(Duration::from_millis(100)).map_or(0, |echo| number(&echo.payload().to_bytes()));
+    // On a busy machine a large value may be lost on the way. Then it is counted.
+    for size in [0, LARGE] {
+        let is_recorded = wait_until(SOON, || {
+            say(size);
+            pause();
+            read().texts.iter().any(|(_, found)| *found > size)
+        });
+        assert!(is_recorded.is_some(), "{}", mission.text(Stream::Err));
+    }
+    let bridge = cluster.expect_leaf("main/ros");
+    bridge.signal(Signal::STOP);
+    for _ in 0..1000 {
+        say(0);
+    }
+    bridge.signal(Signal::CONT);
+    let is_past = wait_until(SOON, || {
+        let last = say(0);
+        (0..20).any(|_| pause() == last)
+    });
+    assert!(is_past.is_some(), "{}", mission.text(Stream::Err));
+    mission.signal(Signal::INT);
+    let ended = mission.ended(SOON);
+    let RecordedTexts { texts, lost } = read();
+    let first = texts.first().map_or(0, |(number, _)| *number);
+    let recorded = u64::try_from(texts.len()).expect("it is small");
+    assert_eq!(
+        recorded + lost,
+        said - first + 1,
+        "{recorded} recorded, {lost} counted, from {first} to {said}: {ended}"
+    );
+    assert!(lost == 0 || ended.out.contains(" of main/ros.there to main/echo.In "), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(5));
 }

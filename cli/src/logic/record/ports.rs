@@ -2,9 +2,10 @@
 
 use super::message::Messages;
 use super::missing::WireName;
-use crate::logic::tap::Wanted;
+use crate::logic::tap::{self, Wanted};
 use comms::logic::key;
 use comms::logic::layout::Message;
+use comms::logic::tap::{OutputType, Outputs};
 use language::plan::{LeafPort, Plan, Transfer, Wire};
 use node::logic::protocol::Deployment;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ pub struct Port {
     pub producer: String,
     /// The ends of the wire.
     pub name: WireName,
-    /// The type of the values, if the interface of the producer declares it.
+    /// The type of the values, if the plan or the interface of the producer declares it.
     pub message: Option<Arc<Message>>,
     /// Index into `Plan::wires`.
     wire: u32,
@@ -45,10 +46,6 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         let path = plan.leaves.get(port.leaf as usize).map_or("", |leaf| &leaf.path);
         (path.to_owned(), format!("{path}/{}", port.port))
     };
-    let message = |port: &LeafPort| {
-        let module = &plan.leaves.get(port.leaf as usize)?.module;
-        messages.get(module)?.get(&port.port).cloned().map(Arc::new)
-    };
     let mut found = Vec::new();
     for what in wanted {
         let output = Wanted::parse(what)?;
@@ -68,7 +65,7 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         }
         for (wire, route) in pushed {
             let ((producer, from), (_, to)) = (named(&route.from), named(&route.to));
-            let message = message(&route.from);
+            let message = output_message(plan, messages, &route.from).map(Arc::new);
             let port = Port { producer, name: WireName { from, to }, message, wire };
             if !found.contains(&port) {
                 found.push(port);
@@ -78,10 +75,52 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
     Ok(found)
 }
 
+/// Returns the type of the values of an output. The plan has the types of the bridge to ROS 2, and `messages` has the
+/// types that interfaces declare.
+pub(crate) fn output_message(plan: &Plan, messages: &Messages, output: &LeafPort) -> Option<Message> {
+    if let Some(type_name) = plan.ros_type(output) {
+        let output = OutputType { name: output.port.clone(), type_name, fields: String::new() };
+        return tap::message(&output, &Outputs::default());
+    }
+    let module = &plan.leaves.get(output.leaf as usize)?.module;
+    messages.get(module)?.get(&output.port).cloned()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::logic::mission::tests::door;
+    use crate::logic::record::messages;
+    use language::{Options, Source, compile};
+
+    /// The plan has the types of the bridge to ROS 2, and interfaces have the types of other outputs.
+    #[test]
+    fn the_type_of_each_output_is_known() {
+        let source = Source::new(
+            "a.dca",
+            "module Avoid(host: Host) { in Scan: ros.sensor.LaserScan; out Cmd: ros.geometry.Twist; }
+            module Log(host: Host) { in Cmd: ros.geometry.Twist; }
+            process main() { host { c1 }
+                instantiated_processes { avoid instof Avoid(c1); log instof Log(c1); }
+                internal_connections {
+                    topic(\"/front/scan\", qos = sensor) -> avoid.Scan;
+                    avoid.Cmd -> topic(\"/cmd\", qos = reliable(10)); avoid.Cmd -> log.Cmd;
+                }
+                internal_event_actions { avoid, log }
+            }",
+        );
+        let compiled = compile(&source, &[], &Options::named("a"));
+        let plan = compiled.plan.unwrap_or_else(|| panic!("{:?}", compiled.diagnostics));
+        let found = ports(&plan, &["all".to_owned()], &messages(&[source])).unwrap();
+        let mut types: Vec<(&str, &str)> = found
+            .iter()
+            .map(|port| (port.name.from.as_str(), port.message.as_ref().map_or("", |of| &of.name)))
+            .collect();
+        types.sort_unstable();
+        let (scan, twist) = ("ros.sensor.LaserScan", "ros.geometry.Twist");
+        let expected = [("main/avoid/Cmd", twist), ("main/avoid/Cmd", twist), ("main/ros/front.scan", scan)];
+        assert_eq!(types, expected);
+    }
 
     #[test]
     fn ports_are_meant_by_their_names() {
