@@ -3,7 +3,7 @@
 use crate::follow::{self, Spec};
 use crate::io::{named_file, recorder};
 use crate::logic::foxglove::{layout_of_record, origin};
-use crate::logic::record::{Run, messages, output_message};
+use crate::logic::record::{MISSING, Run, messages, output_message};
 use crate::logic::replay::{self, Playing, StandIn, TAIL};
 use crate::reader::Reader;
 use crate::run::{self, Here};
@@ -110,6 +110,9 @@ fn show(arguments: &Arguments, record: &Path) -> Result<(), Failure> {
     let timeline = recorder::read_timeline(record).map_err(anyhow::Error::from)?;
     if timeline.is_damaged {
         console::note(&format!("warning: the record `{}` is not whole: parts of it are not shown", record.display()));
+    }
+    if timeline.topics.iter().any(|topic| topic.name == MISSING) {
+        console::note(&format!("warning: the topic `{MISSING}` counts values of wires that are not in the record"));
     }
     if let Some(file) = &arguments.layout {
         named_file::not_over(file, [record])?;
