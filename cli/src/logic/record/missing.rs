@@ -141,7 +141,8 @@ pub(crate) fn sentences<'a>(counts: impl Iterator<Item = (&'a WireName, MissingV
 fn sentence(wire: &WireName, count: MissingValues) -> String {
     let port =
         |path: &str| path.rsplit_once('/').map_or_else(|| path.to_owned(), |(path, port)| format!("{path}.{port}"));
-    let are = if count.all() == 1 { "is" } else { "are" };
+    let first = if count.lost > 0 { count.lost } else { count.early };
+    let are = if first == 1 { "is" } else { "are" };
     let values = format!("of {} to {} {are} not in the record", port(&wire.from), port(&wire.to));
     match count {
         MissingValues { early, lost: 0 } => {
