@@ -57,9 +57,9 @@ pub enum Mission {
     Fails,
     /// The mission can be done, and it can fail because of the fault, even if no limit passes.
     MayFail,
-    /// The mission can be done.
+    /// The mission can be done. Because of the fault, it fails only at a limit.
     CanBeDone,
-    /// Only a limit can end the mission.
+    /// Only a limit can end the mission, and then it has failed.
     EndsByLimit,
     /// The mission never ends.
     NeverEnds,

@@ -29,8 +29,8 @@ pub(super) struct Case<'c, 'm, 'a> {
     system: &'c System<'a>,
     graph: &'c Graph,
     struck: Vec<Struck>,
-    /// For each state, whether the mission can end from it. Also whether it can succeed (`done`) or fail (`fails`)
-    /// without a limit that passes.
+    /// For each state, whether the mission can end from it, whether it can be done (also after a limit that something
+    /// catches), and whether it can fail without a limit that passes.
     ends: Vec<bool>,
     done: Vec<bool>,
     fails: Vec<bool>,
@@ -82,7 +82,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             (0..graph.store.count()).map(|state| system.phase_of(graph.store.get(state))).collect();
         let phase = |which: fn(Phase) -> bool| phases.iter().map(|phase| which(*phase)).collect::<Vec<_>>();
         let ends = graph.can_reach(&phase(Phase::is_over), &counts);
-        let done = graph.can_reach(&phase(|phase| phase == Phase::Done), &is_free);
+        let done = graph.can_reach(&phase(|phase| phase == Phase::Done), &counts);
         let fails = graph.can_reach(&phase(|phase| phase == Phase::Aborted), &is_free);
         let hung = struck.iter().filter(|struck| struck.kind == FaultKind::Hang).filter_map(|struck| struck.seat);
         let ended = hung.filter(|seat| is_step(system, *seat)).map(|MemberRef { unit, member }| {
@@ -156,7 +156,8 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         if self.system.is_silent(&settled.frame, 0) {
             return Mission::IsLost;
         }
-        if self.system.program(0).is_service() {
+        // A fault may also end a mission that never ends without a fault.
+        if self.system.program(0).is_service() && !self.ends[target] {
             return Mission::GoesOn;
         }
         match (self.done[target], self.fails[target]) {
@@ -181,7 +182,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         if there.iter().any(|seat| self.system.is_adrift(&settled.frame, *seat)) {
             return Severity::Adrift;
         }
-        if mission == Mission::NeverEnds || settled.is_restless || self.waits(&settled.frame, mission) {
+        if mission == Mission::NeverEnds || settled.is_restless || self.waits(&settled.frame) {
             return Severity::Stuck;
         }
         if self.struck.iter().any(|struck| struck.kind == FaultKind::Unanswered) {
@@ -199,6 +200,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
                 _ if mission == Mission::Fails => Severity::FailsLater,
                 _ if !goes_on => Severity::Handled,
                 Some(leaf) if self.readers.hear(leaf, target) => Severity::Blind,
+                Some(_) | None if mission == Mission::EndsByLimit => Severity::FailsLater,
                 Some(_) | None => Severity::Degraded,
             };
         }
@@ -226,12 +228,12 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
 
     /// Returns whether a process waits for a resource that a lost host may still use. Only for a mission that is a
     /// service.
-    fn waits(&self, frame: &Frame, mission: Mission) -> bool {
+    fn waits(&self, frame: &Frame) -> bool {
         let waits = |unit: usize| {
             let mut members = frame.states[unit].members_active();
             members.any(|member| self.system.waits_for_ever(frame, MemberRef { unit, member }))
         };
-        mission == Mission::GoesOn && (0..self.system.units.len()).any(waits)
+        self.system.program(0).is_service() && (0..self.system.units.len()).any(waits)
     }
 
     /// The program in a seat.

@@ -4,10 +4,11 @@
 //! `// row: program | fault | verdict` is a row in some phase, with a story. A fourth part stands in another cell of
 //! this row. `// pair:` is one of two faults. `// all: safe, handled` lists all verdicts in the table.
 
+use crate::timers::Chance;
 use language::{Options, Source, compile_with_sites};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use verify::{Alone, Always, Faults, Limits, Row, Severity, Table};
+use verify::{Alone, Always, Faults, Limits, Mission, Report, Row, Severity, Table, Verdict};
 
 const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
 
@@ -109,4 +110,96 @@ fn a_limit_is_told() {
             assert!(table.rows.is_empty(), "{name}: {:?}", table.rows);
         }
     }
+}
+
+/// Returns a mission with an activity of three states. Limits, failures, messages and timers lead from state to state.
+fn activity(chance: &mut Chance) -> String {
+    let (mut states, mut sentences) = (String::new(), String::new());
+    for state in 0..3 {
+        let mut target = || {
+            ["s0", "s1", "s2", "done", "done", "abort(\"z\")"]
+                [usize::try_from(chance.below(6)).expect("a small number")]
+        };
+        let all = [
+            format!("on done -> {};", target()),
+            format!("on aborted(timeout) -> {};", target()),
+            format!("on aborted -> {};", target()),
+            format!("on message cmd -> {};", target()),
+            format!("on after 9 s -> {};", target()),
+        ];
+        let chosen: Vec<&str> = (0..)
+            .zip(&all)
+            .filter(|(index, _)| *index == 0 || chance.below(2) == 0)
+            .map(|(_, it)| it.as_str())
+            .collect();
+        let limit = if chance.below(3) == 0 { "" } else { " within 5 s" };
+        let initial = if state == 0 { "initial " } else { "" };
+        states += &format!("    {initial}state s{state} {{ run w{state}{limit}; {} }}\n", chosen.join(" "));
+        for (fault, what) in FAULTS.into_iter().flat_map(|fault| MISSION.map(|what| (fault, what))) {
+            sentences += &format!("        on {fault} of a.w{state}: {what};\n");
+        }
+    }
+    let around = ["a", "a within 30 s", "(a within 30 s)?", "a else home"]
+        [usize::try_from(chance.below(4)).expect("a small number")];
+    format!(
+        "module Go(host: Host) {{ done; }}
+activity A(h: Host){{
+    in cmd: Text;
+    w0 instof Go(h); w1 instof Go(h); w2 instof Go(h);
+{states}}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\"); home instof Go(\"c1\"); }}
+    internal_event_actions{{ {around} ; home }}
+    verify{{
+{sentences}    }}
+}}
+"
+    )
+}
+
+const FAULTS: [&str; 2] = ["crash", "hang"];
+/// The sentences about the mission after a fault.
+pub(crate) const MISSION: [&str; 3] = ["eventually done", "not done", "not aborted"];
+
+/// Returns which sentences about the mission after a fault are proved. `on` is `on hang of a`.
+pub(crate) fn proved(report: &Report, on: &str) -> [bool; 3] {
+    MISSION.map(|what| {
+        let words = format!("{on}: {what}");
+        let found = report.findings.iter().find(|found| found.sentence.ends_with(&words));
+        found.unwrap_or_else(|| panic!("no answer to `{words}`")).verdict == Verdict::Proved
+    })
+}
+
+/// Returns whether a row says something else than the proved sentences about its fault.
+pub(crate) fn contradicts(row: &Row, [always_done, never_done, never_fails]: [bool; 3]) -> bool {
+    let can_be_done = [Mission::Done, Mission::CanBeDone, Mission::MayFail].contains(&row.mission);
+    let fails = [Mission::Fails, Mission::EndsByLimit, Mission::MayFail].contains(&row.mission);
+    let is_possible = can_be_done && row.severity != Severity::Stuck;
+    always_done && !is_possible || never_done && can_be_done || never_fails && fails
+}
+
+/// The rows of `fmea` never contradict the sentences of `verify` about the same fault.
+#[test]
+fn no_row_of_an_activity_contradicts_a_sentence() {
+    let (mut compared, mut proofs) = (0, [0; 3]);
+    for seed in 0..150 {
+        let text = activity(&mut Chance(seed));
+        let (compiled, sites) = compile_with_sites(&Source::new("a.dca", &text), &[], &Options::named("a"));
+        let Some((plan, sites)) = compiled.plan.zip(sites) else { continue };
+        let report = verify::verify(&plan, &sites, &LIMITS);
+        let table = verify::fmea(&plan, &sites, &LIMITS, Faults::One);
+        assert!(table.unfinished.is_empty() && !report.is_limited, "{text}");
+        compared += 1;
+        for (fault, state) in FAULTS.into_iter().flat_map(|fault| (0..3).map(move |state| (fault, state))) {
+            let proved = proved(&report, &format!("on {fault} of a.w{state}"));
+            let program = format!("a/w{state}");
+            for row in table.rows.iter().filter(|row| row.program == program && row.fault == fault) {
+                let cells = row.cells().join(" | ");
+                assert!(!contradicts(row, proved), "seed {seed}: {cells} but {proved:?} of {MISSION:?}\n{text}");
+                (0..3).for_each(|index| proofs[index] += usize::from(proved[index]));
+            }
+        }
+    }
+    assert!(compared > 100 && proofs.iter().all(|count| *count > 20), "{compared} specs, proved {proofs:?}");
 }

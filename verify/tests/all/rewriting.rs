@@ -1,5 +1,6 @@
 //! Compares an independent author's reading of the rules with `step` and `verify`.
 
+mod against_faults;
 mod against_flat;
 mod against_formula;
 mod against_hosts;
@@ -181,4 +182,61 @@ fn compare_wholes(seeds: Range<u64>) {
     assert!(differences.is_empty(), "{} differences beside {specs}: {shown}", differences.len());
     assert!(specs >= usize::try_from(asked).unwrap_or(0) * FLAT_LEAST / 10, "only {specs} specs were compared");
     assert!(holds > specs && fails > specs, "{holds} sentences hold, {fails} do not");
+}
+
+/// Of ten seeds, at least so many have to give a comparison.
+const FAULTS_LEAST: u64 = 4;
+
+#[test]
+fn a_fault_does_what_brute_force_says() {
+    compare_faults(0..200);
+}
+
+#[test]
+#[ignore = "long: 9,800 specs with each fault"]
+fn a_fault_does_what_brute_force_says_in_more_specs() {
+    compare_faults(200..10_000);
+}
+
+fn compare_faults(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
+    let (mut specs, mut all, mut of_limits, mut differences) = (0, 0, 0, Vec::new());
+    for seed in seeds {
+        match against_faults::compare(seed) {
+            against_faults::Compared::Same { rows, caught } => {
+                (specs, all, of_limits) = (specs + 1, all + rows, of_limits + caught);
+            }
+            against_faults::Compared::LeftOut => {}
+            against_faults::Compared::Differs(how) => differences.push(how),
+        }
+    }
+    let shown = differences.iter().take(3).cloned().collect::<Vec<_>>().join("\n");
+    assert!(differences.is_empty(), "{} differences beside {specs}: {shown}", differences.len());
+    assert!(specs >= asked * FAULTS_LEAST / 10, "only {specs} specs were compared");
+    assert!(of_limits > all / 20, "a limit leads to success in {of_limits} of {all} rows");
+}
+
+#[test]
+fn no_row_of_a_loss_contradicts_a_sentence() {
+    compare_losses(0..150);
+}
+
+#[test]
+#[ignore = "long: 9,850 specs on two hosts"]
+fn no_row_of_a_loss_contradicts_a_sentence_in_more_specs() {
+    compare_losses(150..10_000);
+}
+
+fn compare_losses(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
+    let (mut rows, mut differences) = (0, Vec::new());
+    for seed in seeds {
+        match against_faults::compare_loss(seed) {
+            Ok(count) => rows += count.unwrap_or(0),
+            Err(how) => differences.push(how),
+        }
+    }
+    let shown = differences.iter().take(3).cloned().collect::<Vec<_>>().join("\n");
+    assert!(differences.is_empty(), "{} differences in {rows} rows: {shown}", differences.len());
+    assert!(rows as u64 > asked, "only {rows} rows were compared");
 }

@@ -3,7 +3,7 @@
 //! At each position, the reference searches all truth values that the temporal parts of a formula could have, beside
 //! its own states. It shares nothing with the verifier, which builds an automaton step by step.
 
-use super::explore::{Edge, Graph, Move, Seen, Tags, explore};
+use super::explore::{Edge, Graph, Move, Seen, Tags, Trouble, explore};
 use super::random::{Dice, TAGS, Taste, group};
 use super::rules::Event;
 use super::term::Outcome;
@@ -67,7 +67,8 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("random"));
     let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };
     let lowered = Rc::new(plan.groups[0].clone());
-    let (Some(rough), Some(calm)) = (explore(&lowered, &tags, true), explore(&lowered, &tags, false)) else {
+    let (Some(rough), Some(calm)) = (explore(&lowered, &tags, Trouble::Any), explore(&lowered, &tags, Trouble::None))
+    else {
         return Compared::LeftOut;
     };
     if rough.edges.iter().map(Vec::len).sum::<usize>() > EDGES_MAX {

@@ -1,7 +1,7 @@
 //! Compares brute force with `verify`: both give the same verdicts on random small specs of groups on two hosts.
 
 use super::against_loss::{loss_difference, never_after_loss};
-use super::explore::explore as explore_group;
+use super::explore::{Trouble, explore as explore_group};
 use super::graph::{Graph, Kind, Seat, Seen};
 use super::hosts::{Links, Tags, explore};
 use super::random::{Dice, TAGS, Taste, of_size};
@@ -181,7 +181,7 @@ fn is_box(group: &Group) -> bool {
     let ends = first.begin(Value::EMPTY);
     let is_stopping = |conf: &Conf| conf.any(&|part| matches!(part, Conf::Stopping(..)));
     let takes_time = ends.is_none() && !first.conf.as_ref().is_some_and(is_stopping);
-    let alone = explore_group(&group, &BTreeMap::new(), true);
+    let alone = explore_group(&group, &BTreeMap::new(), Trouble::Any);
     takes_time
         && alone.is_some_and(|graph| graph.seen.iter().any(|seen| matches!(seen.ended, Some(Outcome::Aborted(_)))))
 }

@@ -1,6 +1,6 @@
 //! Compares brute force with `verify`: both give the same verdicts on random small specs with random sentences.
 
-use super::explore::{Graph, explore};
+use super::explore::{Graph, Trouble, explore};
 use super::random::{Dice, Taste, group};
 use super::term::Outcome;
 use super::text::text;
@@ -48,7 +48,8 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("random"));
     let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };
     let lowered = Rc::new(plan.groups[0].clone());
-    let (Some(rough), Some(calm)) = (explore(&lowered, &tags, true), explore(&lowered, &tags, false)) else {
+    let (Some(rough), Some(calm)) = (explore(&lowered, &tags, Trouble::Any), explore(&lowered, &tags, Trouble::None))
+    else {
         return Compared::LeftOut;
     };
     let limits = Limits { states: 200_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };

@@ -12,6 +12,18 @@ use std::rc::Rc;
 /// The test leaves out larger graphs.
 const STATES_MAX: usize = 4_000;
 
+/// The failures and stops that may happen in addition to the normal ends of the members.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Trouble {
+    None,
+    /// Any member may fail, and the whole may be stopped, at any time.
+    Any,
+    /// This member may crash, once.
+    Crash(u32),
+    /// This member may hang. From then on, it never ends by itself.
+    Hang(u32),
+}
+
 /// The events between two states.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Move {
@@ -19,6 +31,8 @@ pub(crate) enum Move {
     /// A request to stop the whole.
     Stop,
     Leaf(Event),
+    /// The one fault of [`Trouble::Crash`] or [`Trouble::Hang`].
+    Fault,
 }
 
 /// A transition: the event, the members that it started in order, and the target.
@@ -39,6 +53,8 @@ pub(crate) struct Seen {
     pub(crate) stopping: Vec<u32>,
     /// Whether the whole has been asked to stop and has not ended.
     pub(crate) is_stopping: bool,
+    /// Whether the one fault has happened.
+    pub(crate) is_struck: bool,
     pub(crate) ended: Option<Outcome>,
 }
 
@@ -52,9 +68,8 @@ pub(crate) struct Graph {
 /// The tags for the normal ends of each module, from the spec.
 pub(crate) type Tags = BTreeMap<u32, Vec<String>>;
 
-/// Explores a group. Either any member may fail and the whole may be stopped at any time, or neither happens. Returns
-/// nothing if there are too many states.
-pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, is_rough: bool) -> Option<Graph> {
+/// Explores a group. Returns nothing if there are too many states.
+pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, trouble: Trouble) -> Option<Graph> {
     let first = Reference::new(group);
     let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()] };
     let mut known: BTreeMap<String, usize> = BTreeMap::new();
@@ -63,21 +78,29 @@ pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, is_rough: bool) -> Option<
         if graph.seen.len() > STATES_MAX {
             return None;
         }
-        let is_stopping = graph.seen[state].is_stopping;
-        for what in moves(state, &reference, (group, tags), is_rough && !is_stopping, is_rough) {
+        let (is_stopping, is_struck) = (graph.seen[state].is_stopping, graph.seen[state].is_struck);
+        for what in moves(&graph.seen[state], &reference, (group, tags), trouble) {
             let mut next = reference.clone();
             let ended = match &what {
                 Move::Start => next.begin(Value::EMPTY),
                 Move::Stop => next.halt(),
                 Move::Leaf(event) => next.happen(event),
+                Move::Fault => match trouble {
+                    Trouble::Crash(member) => next.happen(&Event::Failed(member, Failure::Crash)),
+                    Trouble::None | Trouble::Any | Trouble::Hang(_) => None,
+                },
             };
             let orders = std::mem::take(&mut next.orders);
             let starts = orders.iter().filter_map(|order| match order {
                 Order::Activate(member, _) => Some(*member),
                 Order::Connect(_) | Order::Disconnect(_) | Order::Stop(_) | Order::Arm(..) | Order::Cancel(_) => None,
             });
-            let seen = look(&next, is_stopping || what == Move::Stop, ended);
-            let key = format!("{:?} {} {:?} {:?}", seen.ended, seen.is_stopping, next.conf, next.queue);
+            let seen = Seen {
+                is_struck: is_struck || what == Move::Fault,
+                ..look(&next, is_stopping || what == Move::Stop, ended)
+            };
+            let marks = (seen.is_stopping, seen.is_struck);
+            let key = format!("{:?} {marks:?} {:?} {:?}", seen.ended, next.conf, next.queue);
             let target = *known.entry(key).or_insert_with(|| {
                 graph.seen.push(seen.clone());
                 graph.edges.push(Vec::new());
@@ -93,15 +116,13 @@ pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, is_rough: bool) -> Option<
     Some(graph)
 }
 
-fn moves(state: usize, reference: &Reference, (group, tags): (&Group, &Tags), stops: bool, aborts: bool) -> Vec<Move> {
-    if state == 0 {
-        return vec![Move::Start];
-    }
-    let mut all = if stops { vec![Move::Stop] } else { Vec::new() };
-    let Some(conf) = &reference.conf else { return all };
+fn moves(at: &Seen, reference: &Reference, (group, tags): (&Group, &Tags), trouble: Trouble) -> Vec<Move> {
+    let Some(conf) = &reference.conf else { return vec![Move::Start] };
+    let mut all = if trouble == Trouble::Any && !at.is_stopping { vec![Move::Stop] } else { Vec::new() };
     let seen = look(reference, false, None);
     for &member in &seen.active {
-        if !group.members[member as usize].service {
+        let hangs = at.is_struck && trouble == Trouble::Hang(member);
+        if !hangs && !group.members[member as usize].service {
             match tags.get(&member) {
                 None => all.push(Move::Leaf(Event::Done(member, Vec::new()))),
                 Some(tags) => all.extend(tags.iter().map(|tag| {
@@ -110,12 +131,15 @@ fn moves(state: usize, reference: &Reference, (group, tags): (&Group, &Tags), st
                 })),
             }
         }
-        if aborts {
+        if trouble == Trouble::Any {
             all.push(Move::Leaf(Event::Aborted(member)));
             let asked = group.expression.failures();
             if asked.contains(&&Failure::Crash) || asked.contains(&&Failure::Reported) {
                 all.push(Move::Leaf(Event::Failed(member, Failure::Crash)));
             }
+        }
+        if !at.is_struck && [Trouble::Crash(member), Trouble::Hang(member)].contains(&trouble) {
+            all.push(Move::Fault);
         }
     }
     all.extend(seen.stopping.iter().map(|&member| Move::Leaf(Event::Stopped(member))));
@@ -164,7 +188,7 @@ fn is_of_stopping(seen: &Seen, event: &Event) -> bool {
 impl Edge {
     /// Returns whether the move needs neither a failure nor a stop of the whole.
     pub(crate) fn is_natural(&self) -> bool {
-        !matches!(self.what, Move::Stop | Move::Leaf(Event::Aborted(_) | Event::Failed(..)))
+        !matches!(self.what, Move::Stop | Move::Fault | Move::Leaf(Event::Aborted(_) | Event::Failed(..)))
     }
 
     /// Returns whether the move makes a member done.
@@ -176,11 +200,16 @@ impl Edge {
 impl Graph {
     /// Returns the states from which a goal can be reached by natural moves.
     pub(crate) fn can_reach(&self, is_goal: impl Fn(&Seen) -> bool) -> Vec<bool> {
+        self.can_reach_by(is_goal, Edge::is_natural)
+    }
+
+    /// Returns the states from which a goal can be reached by moves for which `counts` is true.
+    pub(crate) fn can_reach_by(&self, is_goal: impl Fn(&Seen) -> bool, counts: impl Fn(&Edge) -> bool) -> Vec<bool> {
         let mut can: Vec<bool> = self.seen.iter().map(is_goal).collect();
         loop {
             let mut grew = false;
             for state in (0..can.len()).filter(|&state| !can[state]).collect::<Vec<_>>() {
-                let leads = self.edges[state].iter().any(|edge| edge.is_natural() && can[edge.target]);
+                let leads = self.edges[state].iter().any(|edge| counts(edge) && can[edge.target]);
                 can[state] |= leads;
                 grew |= leads;
             }
