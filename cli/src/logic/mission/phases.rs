@@ -25,6 +25,10 @@ const GONE: usize = usize::MAX;
 /// How many phases are searched, from the last one back, for the phase of a late value.
 const LATE_MAX: usize = 8;
 
+/// The longest time between two reports of one reaction of an activity. If an activity leaves a state later than this
+/// after the end of a member and the stops that followed, another event was the cause.
+const REACTION_MAX: Duration = Duration::from_millis(250);
+
 /// A period in which one step of the main sequence ran.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
@@ -36,6 +40,8 @@ pub struct Phase {
     pub end: Option<Duration>,
     /// The member whose end ended the phase. Nothing while the phase runs, or if it was stopped from outside.
     pub decided: Option<DecidingMember>,
+    /// The reports after that end. Nothing once it is known whether the end made the activity leave its state.
+    aftermath: Option<Aftermath>,
     step: usize,
     members: usize,
     is_state: bool,
@@ -43,6 +49,15 @@ pub struct Phase {
     active: BTreeSet<u32>,
     stopping: BTreeSet<u32>,
     peaks: Vec<Option<f64>>,
+}
+
+/// The reports after the end of a member of an activity.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Aftermath {
+    /// The time of the end, or of the last stop that followed it.
+    last: Duration,
+    /// The members that have begun since then.
+    begun: BTreeSet<u32>,
 }
 
 /// The member whose end ended a phase.
@@ -85,24 +100,48 @@ impl Phase {
         self.end.unwrap_or(now).saturating_sub(self.begin)
     }
 
+    /// Notes that an activity leaves the states of this phase. If it has stayed in them after the last end of a member,
+    /// this end was not the cause.
+    fn leave(&mut self, at: Duration) {
+        if self.aftermath.take().is_some_and(|after| at.saturating_sub(after.last) > REACTION_MAX) {
+            self.decided = None;
+        }
+    }
+
+    /// Notes a stop. If it comes late, or stops a member that has begun since the last end, it does not follow this end.
+    fn stop(&mut self, member: u32, at: Duration) {
+        self.stopping.insert(member);
+        let Some(after) = &mut self.aftermath else { return };
+        if after.begun.contains(&member) || at.saturating_sub(after.last) > REACTION_MAX {
+            (self.decided, self.aftermath) = (None, None);
+        } else {
+            after.last = at;
+        }
+    }
+
     fn change(&mut self, member: u32, name: &str, change: &Change, at: Duration) {
         match change {
             Change::Activated => {
                 self.seen.insert(member);
                 self.active.insert(member);
+                self.stopping.remove(&member);
+                if let Some(after) = &mut self.aftermath {
+                    after.begun.insert(member);
+                }
                 // In an activity, a program that begins now belongs to the state that is reported next.
                 if !self.is_state {
                     (self.end, self.decided) = (None, None);
                 }
             }
-            Change::Stopping => {
-                self.stopping.insert(member);
-            }
+            Change::Stopping => self.stop(member, at),
             Change::Ended(ending) => {
                 self.active.remove(&member);
                 // The loser of `#` also ends, but only because it was asked to stop. So it does not decide how the phase ended.
                 if !self.stopping.contains(&member) && *ending != Ending::Stopped {
                     self.decided = Some(DecidingMember { member: name.to_owned(), ending: ending.clone() });
+                    self.aftermath = self.is_state.then(|| Aftermath { last: at, ..Aftermath::default() });
+                } else if let Some(after) = &mut self.aftermath {
+                    after.last = at;
                 }
                 if self.active.is_empty() && !self.is_state {
                     self.end.get_or_insert(at);
@@ -247,6 +286,9 @@ impl Phases {
         {
             return self.enter(states.join(", "), at);
         }
+        if self.is_of_states(path) && matches!(change, Change::Ended(_)) {
+            self.leave(at);
+        }
         let Some((member, name)) = self.slots.get(path).cloned() else { return };
         if *change == Change::Activated {
             let Some(step) = self.step_of(member) else { return };
@@ -299,7 +341,15 @@ impl Phases {
         }
     }
 
+    /// Notes that the current phase ends.
+    fn leave(&mut self, at: Duration) {
+        if let Some(phase) = self.phases.last_mut() {
+            phase.leave(at);
+        }
+    }
+
     pub(super) fn finish(&mut self, at: Duration) {
+        self.leave(at);
         if let Some(phase) = self.phases.last_mut() {
             phase.end.get_or_insert(at);
         }
@@ -332,6 +382,7 @@ impl Phases {
     }
 
     fn begin(&mut self, step: usize, at: Duration) {
+        self.leave(at);
         if let Some(phase) = self.phases.last_mut() {
             phase.end.get_or_insert(at);
         }
@@ -348,6 +399,7 @@ impl Phases {
             begin: at,
             end: None,
             decided: None,
+            aftermath: None,
             step,
             members: members.len(),
             is_state: self.activity.is_some(),

@@ -420,3 +420,81 @@ fn the_states_of_an_activity_are_phases() {
     assert_eq!(mission.phases()[1].took(seconds(9.0)), seconds(2.0));
     assert!(mission.notes().is_empty(), "{:?}", mission.notes());
 }
+
+/// The end of a program that the activity handles within the same state does not end the phase.
+#[test]
+fn a_handled_end_does_not_end_the_phase_of_an_activity() {
+    let text = "module Step { done; }
+        activity Watch(here: Host) {
+            host{here}
+            in cmd: Text;
+            var n: 0..9 = 0;
+            a instof Step(here);
+            b instof Step(here);
+            c instof Step(here);
+            initial state work { run a, b; on a.aborted when n < 9 -> work { n += 1; } on message cmd -> next; }
+            state next { run c; on message cmd -> last; on done -> last; }
+            state last { run a; on done -> done; on message cmd -> done; }
+        }
+        process main(){
+            host{c1}
+            instantiated_processes{ watch instof Watch(c1); }
+            internal_event_actions{ watch }
+        }";
+    let compiled = compile(&Source::new("watch.dca", text), &[], &Options::named("watch"));
+    let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+    // The second column is the phases after all events.
+    let cases = [
+        // `a` fails and runs again; a message ends the state, and soon after also the next state.
+        ("2.3 a killed, 2.3 a activated, 2.4 a stopping, 2.4 a stopped, 2.4 = next", "work left, next left"),
+        ("2.3 a killed, 2.3 a activated, 7.8 a stopping, 7.8 a stopped, 7.8 = next", "work left, next left"),
+        ("2.3 a killed, 2.3 a activated, 7.8 b stopping, 9.8 b stopped, 9.8 = next", "work left, next left"),
+        ("2.3 a killed, 2.3 a activated, 7.8 a killed, 7.8 = next", "work a aborted: SIGKILL (external), next left"),
+        // `b` is done, which no transition waits for.
+        ("1.0 b done, 7.8 a stopping, 7.9 a stopped, 7.9 = next", "work left, next left"),
+        ("1.0 b done, 7.8 a killed, 7.8 = next", "work a aborted: SIGKILL (external), next left"),
+        // The end of `a` ends the state, and stopping `b` takes long.
+        ("1.0 a done, 1.0 b stopping, 5.0 b stopped, 5.0 = next", "work a done, next left"),
+        // The end of `a` stops `b`, and the state goes on with nothing, or with `c`.
+        ("1.0 a done, 1.0 b stopping, 5.0 b stopped, 7.8 = next", "work left, next left"),
+        (
+            "1.0 a done, 1.0 b stopping, 1.1 b stopped, 1.1 c activated, 1.2 c stopping, 1.2 = next",
+            "work left, next left",
+        ),
+        // `a` is stopped and runs again before it fails.
+        (
+            "1.0 a stopping, 1.1 a stopped, 1.1 a activated, 3.0 a killed, 3.0 = next",
+            "work a aborted: SIGKILL (external), next left",
+        ),
+        // The activity ends with a message, long after `b` was done.
+        ("1.0 b done, 7.8 = ended", "work left"),
+        ("1.0 a done, 1.1 = ended", "work a done"),
+    ];
+    for (events, expected) in cases {
+        let mut mission = Mission::new(&plan);
+        let mut report = |at: f64, member: &str, change: Change| {
+            mission.report(&Report::Process { path: format!("main/watch{member}"), change, at: seconds(at) });
+        };
+        let entered = |state: &str| Change::Entered { states: vec![state.to_owned()] };
+        report(0.0, "", Change::Activated);
+        report(0.0, "/a", Change::Activated);
+        report(0.0, "/b", Change::Activated);
+        report(0.0, "", entered("work"));
+        for line in events.split(", ") {
+            let [at, who, what] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("{line}") };
+            let at = at.parse().unwrap();
+            match (who, what) {
+                ("=", "ended") => report(at, "", Change::Ended(Ending::Done(Vec::new()))),
+                ("=", state) => report(at, "", entered(state)),
+                (member, word) => {
+                    let path = format!("main/watch/{member}");
+                    let Report::Process { change, .. } = event(&path, word, seconds(at)) else { panic!("{word}") };
+                    report(at, &format!("/{member}"), change);
+                }
+            }
+        }
+        mission.report(&Report::Finished { ending: Ending::Stopped, at: seconds(20.0), unconfirmed: Vec::new() });
+        let found = mission.phases().iter().map(|phase| format!("{} {}", phase.name, phase.ended()));
+        assert_eq!(found.collect::<Vec<_>>().join(", "), expected, "{events}");
+    }
+}
