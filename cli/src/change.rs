@@ -12,7 +12,7 @@ use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, Values, check, stored};
 use anyhow::anyhow;
 use clap_complete::ArgValueCompleter;
-use language::plan::{Plan, PlanChange, difference};
+use language::plan::{Difference, Expression, Group, Plan, PlanChange, difference};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{
     Answer, ChangeRequest, ChangeStage, ChangeUnderway, Deployment, Report, Request, Revision,
@@ -311,15 +311,16 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
     let found = difference(plan, wanted);
     if is_json {
         let lines = |changes: &[PlanChange]| changes.iter().map(ToString::to_string).collect::<Vec<_>>();
-        let (changes, obstacles) = match &found {
-            Ok(found) => (lines(&found.changes), Vec::new()),
-            Err(obstacles) => (Vec::new(), obstacles.clone()),
+        let (changes, depends, obstacles) = match &found {
+            Ok(found) => (lines(&found.changes), conditions(plan, found), Vec::new()),
+            Err(obstacles) => (Vec::new(), Vec::new(), obstacles.clone()),
         };
         let change = change
             .as_ref()
             .map(|ChangeUnderway { revision, by, stage }| json!({ "revision": revision, "by": by, "stage": stage }));
         let told = json!({
-            "deployment": name, "revision": revision, "change": change, "changes": changes, "obstacles": obstacles,
+            "deployment": name, "revision": revision, "change": change, "changes": changes, "depends": depends,
+            "obstacles": obstacles,
         });
         console::answer(&told);
         return if obstacles.is_empty() { Ok(()) } else { Err(refusal(&name, &[])) };
@@ -336,7 +337,25 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
     }
     found.changes.iter().for_each(|change| console::say(&format!("  {change}")));
     console::say(&format!("  keep       {}", counted(plan.live_leaves().len().saturating_sub(touched), "program")));
+    conditions(plan, &found).iter().for_each(|condition| console::say(&format!("  depends    {condition}")));
     Ok(())
+}
+
+/// Returns for each group with other event actions when `dca deploy` refuses the change. This depends on the place of
+/// the group at that moment, so a plan cannot know it.
+fn conditions(running: &Plan, found: &Difference) -> Vec<String> {
+    let groups = running.groups.iter().zip(&found.plan.groups);
+    let others = groups.filter(|(before, after)| before.expression != after.expression);
+    others.map(|(group, _)| condition(group)).collect()
+}
+
+fn condition(group: &Group) -> String {
+    let is_activity = matches!(group.expression, Expression::Chart(_));
+    let why = match is_activity {
+        true => "a state that it is in does not exist any more, or a variable cannot keep its value",
+        false => "a running process has no place in the new event actions",
+    };
+    format!("{}: `dca deploy` is refused if {why}", group.path)
 }
 
 /// Returns the message for a user who looks at a deployment during a change.
@@ -365,4 +384,47 @@ fn underway_text(name: &str, revision: u32, change: &ChangeUnderway) -> String {
 fn refusal(name: &str, obstacles: &[String]) -> Failure {
     let why = if obstacles.is_empty() { String::new() } else { format!(": {}", obstacles.join("; ")) };
     anyhow!("`{name}` cannot become this spec while it runs{why}").into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use language::{Options, Source, compile};
+
+    fn plan(states: &str, actions: &str) -> Plan {
+        let text = format!(
+            "module Step {{ done; }}
+            activity Watch(here: Host) {{
+                host{{here}}
+                look instof Step(here);
+                {states}
+            }}
+            process main(){{
+                host{{c1}}
+                instantiated_processes{{ watch instof Watch(c1); a instof Step(c1); b instof Step(c1); }}
+                internal_event_actions{{ {actions} }}
+            }}"
+        );
+        let compiled = compile(&Source::new("watch.dca", text), &[], &Options::named("watch"));
+        compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics))
+    }
+
+    /// A plan names the changes that the place of a group may forbid, and only these.
+    #[test]
+    fn a_plan_says_which_changes_depend_on_the_place() {
+        let wide = "var n: 0..9 = 0; initial state s { run look; on done when n < 9 -> t { n += 1; } }
+            state t { on after 1 s -> s; }";
+        let narrow = wide.replace("0..9", "0..3").replace("n < 9", "n < 3");
+        let running = plan(wide, "watch # (a ; b)");
+        let depends = |wanted: &Plan| conditions(&running, &difference(&running, wanted).unwrap());
+        assert_eq!(depends(&running), Vec::<String>::new());
+        let activity = "main/watch: `dca deploy` is refused if a state that it is in does not exist any more, \
+                        or a variable cannot keep its value";
+        assert_eq!(depends(&plan(&narrow, "watch # (a ; b)")), [activity]);
+        let without = "initial state s { run look; on done -> s; }";
+        assert_eq!(depends(&plan(without, "watch # (a ; b)")), [activity]);
+        let actions = "main: `dca deploy` is refused if a running process has no place in the new event actions";
+        assert_eq!(depends(&plan(wide, "watch # (b ; a)")), [actions]);
+        assert_eq!(depends(&plan(&narrow, "watch # (b ; a)")), [actions, activity]);
+    }
 }
