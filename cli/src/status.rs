@@ -135,6 +135,13 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&DeploymentName>)
         };
         part.lost.iter().map(row).collect::<Vec<_>>()
     });
+    let undelivered = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
+        let row = |lost: &LostValues| {
+            let what = format!("{} not delivered: the consumer is not connected", lost.count);
+            vec![format!("{}: {}", part.deployment.name, lost.wire), what]
+        };
+        part.undelivered.iter().map(row).collect::<Vec<_>>()
+    });
     let refused = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
         let row = |refused: &RefusedValues| {
             let what = format!("{} refused: a number was not finite", refused.count);
@@ -142,7 +149,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&DeploymentName>)
         };
         part.refused.iter().map(row).collect::<Vec<_>>()
     });
-    blocks.push(table(&lost.chain(refused).collect::<Vec<_>>()));
+    blocks.push(table(&lost.chain(undelivered).chain(refused).collect::<Vec<_>>()));
     let waiting = statuses.iter().flat_map(|status| status.waiting.iter().map(move |one| (&status.host, one)));
     let waiting = waiting.map(|(host, one)| vec![one_line(&one.name).to_string(), one.to_string(), host.clone()]);
     blocks.push(table(&waiting.collect::<Vec<_>>()));

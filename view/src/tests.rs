@@ -4,7 +4,7 @@ mod pictures;
 
 use crate::{
     Changes, Fleet, Freshness, Gone, Health, Input, LastEnd, LiveDeployment, Mark, Measured, MissionId, Model,
-    PastChange, Position, Presence, Process, RobotId,
+    PastChange, Position, Presence, Process, RobotId, Wire,
 };
 use comms::io::clock;
 use comms::logic::time::Time;
@@ -56,7 +56,8 @@ fn process(path: &str, state: &str) -> ProcessStatus {
 
 fn part(id: Deployment, processes: Vec<ProcessStatus>) -> DeploymentStatus {
     let (home, phase) = ("r1".into(), "running".into());
-    DeploymentStatus { deployment: id, home, phase, processes, lost: Vec::new(), refused: Vec::new() }
+    let (lost, refused, undelivered) = Default::default();
+    DeploymentStatus { deployment: id, home, phase, processes, lost, refused, undelivered }
 }
 
 fn node(host: &str, deployments: Vec<DeploymentStatus>) -> NodeStatus {
@@ -260,6 +261,21 @@ fn a_wire_counts_what_it_loses_and_how_fast() {
     // Its program was started again.
     model.apply(at(4000), losing(5));
     assert_eq!(counts(&model), [(5, 5.0, 2)]);
+    // The host of its output counts values until the consumer is connected again, and counts them itself.
+    let cut = |undelivered: Vec<LostValues>| {
+        let part = DeploymentStatus { undelivered, ..part(door(), vec![process("main/a", "running")]) };
+        answered(node("r2", vec![part]))
+    };
+    let missing = |model: &Model| {
+        let live = model.deployments().next().expect("it runs");
+        model.wires(live).map(Wire::missing).collect::<Vec<_>>()
+    };
+    model.apply(at(4000), cut(vec![LostValues { wire: name.into(), count: 7 }]));
+    assert_eq!(missing(&model), [12]);
+    model.apply(at(4000), losing(5));
+    assert_eq!(missing(&model), [12], "the other host knows nothing of it");
+    model.apply(at(4000), cut(Vec::new()));
+    assert_eq!(missing(&model), [5]);
     let (mission, path, port) = (mission(), "main/a".into(), "Out".into());
     model.apply(at(4000), Input::Measured(Measured { mission, path, port, hertz: 100.0 }));
     let live = model.deployments().next().expect("it runs");

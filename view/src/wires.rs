@@ -44,6 +44,8 @@ pub struct Wire {
     pub lost_a_second: f64,
     /// Values that the input has refused.
     pub refused: u64,
+    /// Values that were sent while the consumer was not connected, and that it does not count as lost yet.
+    pub undelivered: u64,
     /// The rate of its output, if it was measured.
     pub rate: Option<Rate>,
     counted: Option<Time>,
@@ -65,10 +67,16 @@ impl Wire {
             let (path, port) = text.rsplit_once(", ")?;
             Some(WireEnd { path: path.to_owned(), port: port.to_owned() })
         };
-        let (lost, lost_a_second, refused) = (0, 0.0, 0);
+        let (lost, lost_a_second, refused, undelivered) = (0, 0.0, 0, 0);
         let (from, to) = (end(from)?, end(to)?);
         let name = name.to_owned();
-        Some(Self { name, from, to, lost, lost_a_second, refused, rate: None, counted: None, changed: number })
+        let (rate, counted, changed) = (None, None, number);
+        Some(Self { name, from, to, lost, lost_a_second, refused, undelivered, rate, counted, changed })
+    }
+
+    /// Returns how many values were sent and have not come.
+    pub fn missing(&self) -> u64 {
+        self.lost + self.undelivered
     }
 
     fn take_lost(&mut self, look: Look<'_>, count: u64) {
@@ -82,6 +90,12 @@ impl Wire {
         }
         (self.lost, self.lost_a_second, self.counted) = (count, a_second, Some(look.now));
     }
+
+    fn take_undelivered(&mut self, look: Look<'_>, count: u64) {
+        if count != self.undelivered {
+            (self.undelivered, self.changed) = (count, look.number);
+        }
+    }
 }
 
 impl Wires {
@@ -91,6 +105,17 @@ impl Wires {
         for lost in &part.lost {
             match self.wire(&lost.wire, look.number) {
                 Some(wire) => wire.take_lost(look, lost.count),
+                None => omitted += 1,
+            }
+        }
+        // The host of an output reports no count for a wire whose consumer is connected again.
+        let is_of_part = |wire: &Wire| part.processes.iter().any(|process| process.path == wire.from.path);
+        for wire in self.all.values_mut().filter(|wire| wire.undelivered > 0 && is_of_part(wire)) {
+            wire.take_undelivered(look, 0);
+        }
+        for undelivered in &part.undelivered {
+            match self.wire(&undelivered.wire, look.number) {
+                Some(wire) => wire.take_undelivered(look, undelivered.count),
                 None => omitted += 1,
             }
         }

@@ -108,7 +108,7 @@ pub(crate) fn health_word(health: Health) -> &'static str {
 
 fn wire(id: &MissionId, wire: &Wire) -> Value {
     json!({
-        "mission": id.key(), "name": wire.name, "lost": wire.lost, "lostASecond": wire.lost_a_second,
+        "mission": id.key(), "name": wire.name, "lost": wire.missing(), "lostASecond": wire.lost_a_second,
         "refused": wire.refused,
     })
 }

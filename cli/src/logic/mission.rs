@@ -248,7 +248,8 @@ impl Mission {
         &self.notes
     }
 
-    /// Returns each program whose inputs have lost or refused values, without the leading `main/`, with the number of values in words.
+    /// Returns each program whose inputs have lost or refused values, or whose outputs have not delivered values, without the leading
+    /// `main/`, with the number of values in words.
     pub fn losses(&self) -> impl Iterator<Item = (&str, String)> {
         self.losses.texts().map(|(path, text)| (short(path), text))
     }

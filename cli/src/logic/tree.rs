@@ -91,6 +91,7 @@ pub(crate) mod tests {
             processes: processes.iter().map(process).collect(),
             lost: Vec::new(),
             refused: Vec::new(),
+            undelivered: Vec::new(),
         };
         let (version, up) = ("0".into(), Duration::ZERO);
         NodeStatus {

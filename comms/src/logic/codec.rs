@@ -378,8 +378,9 @@ mod tests {
         check(&Notice::Expecting { ticket: 2 }, "4443010002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
         check(&taken, "4443010002000a02ac02010104");
-        let losses = Notice::Losses { wires: vec![(300, 2)], refused: vec![("i".into(), 300)] };
-        check(&losses, "4443010002000c01ac0202010169ac02");
+        let (wires, refused, undelivered) = (vec![(300, 2)], vec![("i".into(), 300)], vec![(3, 300)]);
+        let losses = Notice::Losses { wires, refused, undelivered };
+        check(&losses, "4443010002000c01ac0202010169ac020103ac02");
         let refused = Refused { wire: 300, count: 2, why: Refusal::Repeated, from: Some("a1".into()) };
         let refused = Notice::Refused { wires: vec![refused] };
         check(&refused, "4443010002000d01ac02020201026131");

@@ -460,6 +460,9 @@ pub enum Notice {
         /// The inputs that have refused values because a number in them was not finite, each with the number of refused
         /// values.
         refused: Vec<(String, u64)>,
+        /// The wires of outputs whose consumer is not connected, each with the number of values that were sent without
+        /// it. A consumer that is connected again counts these values itself.
+        undelivered: Vec<(u32, u64)>,
     },
     /// Messages over wires that were dropped because they were not sealed by the other end.
     Refused {

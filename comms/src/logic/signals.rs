@@ -14,6 +14,9 @@ pub const VALUES_MAX: usize = 256;
 pub const OVERRUNS: &str = "overruns";
 /// The signal that counts values that were sent to inputs in an activation and did not arrive.
 pub const LOST_VALUES: &str = "lost values";
+/// The signal that counts values that were sent while their consumers were not connected. A consumer that is connected
+/// again counts them itself, and then this number is 0.
+pub const UNDELIVERED_VALUES: &str = "undelivered values";
 /// The signal that counts the values that inputs have refused in an activation.
 pub const REFUSED_VALUES: &str = "refused values";
 

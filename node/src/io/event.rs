@@ -36,7 +36,7 @@ pub(crate) enum Event {
     },
     /// A notice of a program.
     Control(Connection, Notice),
-    /// The values that wires of a program have lost, and that its inputs have refused.
+    /// The values that wires of a program have lost, that its inputs have refused, and that were not delivered.
     Losses(Connection, Counted),
     /// The messages that a program has dropped because the other ends of its wires have not sealed them.
     Refused(Connection, Vec<Refused>),
@@ -63,6 +63,7 @@ pub(crate) enum Event {
 pub(crate) struct Counted {
     pub(crate) wires: Vec<(u32, u64)>,
     pub(crate) refused: Vec<(String, u64)>,
+    pub(crate) undelivered: Vec<(u32, u64)>,
 }
 
 /// The connection of a program to its node.
@@ -129,7 +130,9 @@ async fn hear(
                 requests.take(number, request);
                 None
             }
-            Notice::Losses { wires, refused } => Some(Event::Losses(connection.clone(), Counted { wires, refused })),
+            Notice::Losses { wires, refused, undelivered } => {
+                Some(Event::Losses(connection.clone(), Counted { wires, refused, undelivered }))
+            }
             Notice::Refused { wires } => Some(Event::Refused(connection.clone(), wires)),
             Notice::Judge { number, call } => Some(Event::Judge(connection.clone(), channel.clone(), number, call)),
             said @ (Notice::Hello { .. }

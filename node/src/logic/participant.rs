@@ -168,7 +168,8 @@ impl Participant {
             Phase::Leaving => "ending",
         };
         let (deployment, home) = (self.site.deployment.clone(), self.site.home.clone());
-        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost: Vec::new(), refused: Vec::new() }
+        let (lost, refused, undelivered) = Default::default();
+        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost, refused, undelivered }
     }
 
     /// Returns the processes on hosts that are away.

@@ -269,7 +269,7 @@ impl<const SIZE: usize> Controller for Heart<SIZE> {
     const TYPE: &'static str = if SIZE == PADDING { "Heart" } else { "Drum" };
 
     fn about() -> About {
-        About::service("Beats at 100 Hz.").every(BEAT).with(Log::PARAMETERS)
+        About::service("Beats at 100 Hz.").every(BEAT).signals_every(BEAT * 10).with(Log::PARAMETERS)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {

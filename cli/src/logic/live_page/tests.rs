@@ -93,6 +93,7 @@ fn status(states: &[(&str, &str)]) -> Input {
         processes: states.iter().map(process).collect(),
         lost: vec![LostValues { wire: "main/a, Now -> main/b, Set".into(), count: 3 }],
         refused: Vec::new(),
+        undelivered: Vec::new(),
     };
     let status = NodeStatus {
         host: "r1".into(),

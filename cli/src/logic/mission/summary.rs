@@ -379,7 +379,9 @@ mod tests {
     fn lost_values_are_in_the_summary() {
         let table = format!(
             "{OPENING} 1 near lost_values 0 - \n 2 near lost_values 600 - \n 3 near lost_values 30 - \n \
-             3 hit refused_values 1 - \n 3 servo lost_values 0 -"
+             3 hit refused_values 1 - \n 3 servo lost_values 0 - \n 4 hit undelivered_values 50 - \n \
+             5 hit undelivered_values 0 - \n 6 servo undelivered_values 20 - \n 7 servo undelivered_values 30 - \n \
+             4 open undelivered_values 5 - \n 5 open undelivered_values 0 -"
         );
         let mut mission = Mission::new(&door());
         feed(&mut mission, &table);
@@ -387,7 +389,8 @@ mod tests {
         feed_more(&mut mission, "22.2 near lost_values 37 -");
         let text = summary(&mission, &Files::default(), None);
         let lines: Vec<&str> = text.lines().filter(|line| line.starts_with("  sys/")).collect();
-        assert_eq!(lines, ["  sys/hit: 1 value refused", "  sys/near: 637 values lost"]);
+        let servo = "  sys/servo: 30 values not delivered";
+        assert_eq!(lines, ["  sys/hit: 1 value refused", "  sys/near: 637 values lost", servo]);
     }
 
     #[test]

@@ -218,15 +218,15 @@ fn process_row(model: &Model, now: Time, live: &LiveDeployment, process: &Proces
 fn wire_row(now: Time, live: &LiveDeployment, wire: &Wire) -> Row {
     let is_measured = |at: Time| now.since(at) < STALE_AFTER;
     let rate = wire.rate.filter(|rate| is_measured(rate.at)).map(|rate| format!("{:.1} Hz", rate.hertz));
-    let is_losing = wire.lost_a_second > 0.0;
+    let is_losing = wire.lost_a_second > 0.0 || wire.undelivered > 0;
     let count = |count: u64| if count == 0 { "-".to_owned() } else { count.to_string() };
-    let lost_a_second = if is_losing { format!("{:.1}", wire.lost_a_second) } else { "-".to_owned() };
+    let lost_a_second = if wire.lost_a_second > 0.0 { format!("{:.1}", wire.lost_a_second) } else { "-".to_owned() };
     let name = format!(
         "{}: {}.{} -> {}.{}",
         live.id.deployment.name, wire.from.path, wire.from.port, wire.to.path, wire.to.port
     );
-    let cells = vec![name, rate.unwrap_or_default(), count(wire.lost), lost_a_second, count(wire.refused)];
-    let tone = match (is_losing, wire.lost + wire.refused) {
+    let cells = vec![name, rate.unwrap_or_default(), count(wire.missing()), lost_a_second, count(wire.refused)];
+    let tone = match (is_losing, wire.missing() + wire.refused) {
         (true, _) => Tone::Bad,
         (false, 1..) => Tone::Changing,
         (false, 0) => Tone::Plain,

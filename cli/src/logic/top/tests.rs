@@ -48,7 +48,15 @@ fn process(path: &str, kind: &str, state: &str) -> ProcessStatus {
 fn node(host: &str, processes: Vec<ProcessStatus>) -> NodeStatus {
     let lost = vec![LostValues { wire: "main/hit/force, Out -> main/hit/arm, In".into(), count: 12 }];
     let (home, phase) = ("r1".into(), "running".into());
-    let part = DeploymentStatus { deployment: door(), home, phase, processes, lost, refused: Vec::new() };
+    let part = DeploymentStatus {
+        deployment: door(),
+        home,
+        phase,
+        processes,
+        lost,
+        refused: Vec::new(),
+        undelivered: Vec::new(),
+    };
     NodeStatus {
         host: host.into(),
         pid: 1,

@@ -15,6 +15,8 @@ pub struct Flow {
     sent: u64,
     /// How many values have passed in all. 0 follows `u32::MAX`.
     number: u32,
+    /// The number of the last message to a connected consumer.
+    told: u32,
     /// The last value, for consumers that connect later.
     last: Option<Vec<u8>>,
     /// Whether a consumer that comes lacks the last value, and nothing else makes this wire repeat it.
@@ -56,6 +58,7 @@ impl Flow {
     pub fn skip(&mut self, count: u32) {
         if self.open {
             self.number = self.number.wrapping_add(count);
+            self.told = self.told.wrapping_add(count);
         }
     }
 
@@ -91,6 +94,18 @@ impl Flow {
         self.is_owed = !has_consumer;
     }
 
+    /// Notes that the last message, a value or a boundary, was sent to a connected consumer. All messages have a number,
+    /// so the consumer counts the earlier values that it has not received.
+    pub fn reached(&mut self) {
+        self.told = self.number;
+    }
+
+    /// Returns how many values have passed since the last message to a connected consumer. The consumer does not count
+    /// them yet. It counts them with the next message, and then this number is 0.
+    pub fn undelivered(&self) -> u32 {
+        self.number.wrapping_sub(self.told)
+    }
+
     /// Returns whether the last value has to be sent again once a consumer comes.
     pub fn owes(&self) -> bool {
         self.open && self.is_owed && self.last.is_some()
@@ -107,6 +122,8 @@ impl Flow {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::switch::{Gaps, Sequence};
+    use proptest::prelude::*;
     use std::time::Duration;
 
     fn at(millis: u64) -> Time {
@@ -158,6 +175,117 @@ mod tests {
         let mut other = Flow::new(Shape::default());
         other.open(at(0));
         assert!(other.offer(b"a", at(1)) && !other.owes(), "nothing is kept");
+    }
+
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    enum Link {
+        Up,
+        /// Nothing arrives any more, and the producer does not know it yet.
+        Silent,
+        Down,
+    }
+
+    #[derive(Clone, Copy, Debug)]
+    enum Step {
+        Send,
+        /// The sender itself has lost values.
+        Skip,
+        Open,
+        Close,
+        Becomes(Link),
+    }
+
+    /// A wire with both of its ends, and the fates of its values.
+    struct Ends {
+        flow: Flow,
+        gaps: Gaps,
+        link: Link,
+        sent: u32,
+        arrived: u32,
+        lost: u32,
+        /// Values that the producer has sent over a silent link, and that the consumer does not know of.
+        on_their_way: u32,
+    }
+
+    impl Ends {
+        fn new(first: u32) -> Self {
+            let (mut flow, mut gaps) = (Flow::new(Shape::default()), Gaps::default());
+            flow.open(at(0));
+            flow.skip(first);
+            flow.reached();
+            gaps.boundary(Sequence { publisher: (1, 1), number: first });
+            Self { flow, gaps, link: Link::Up, sent: 0, arrived: 0, lost: 0, on_their_way: 0 }
+        }
+
+        /// Sends a value or a boundary with the last number.
+        fn message(&mut self, is_value: bool) {
+            let undelivered = self.flow.undelivered();
+            if self.link != Link::Down {
+                self.flow.reached();
+            }
+            match self.link {
+                Link::Up => {
+                    let sequence = Sequence { publisher: (1, 1), number: self.flow.number() };
+                    self.lost += if is_value { self.gaps.value(sequence) } else { self.gaps.boundary(sequence) };
+                    self.arrived += u32::from(is_value);
+                    self.on_their_way = 0;
+                }
+                Link::Silent => self.on_their_way += undelivered,
+                Link::Down => {}
+            }
+        }
+
+        fn step(&mut self, step: Step) {
+            match step {
+                Step::Send if self.flow.pass(at(1)) => {
+                    self.sent += 1;
+                    self.message(true);
+                }
+                Step::Skip if self.flow.is_open() => {
+                    self.flow.skip(1);
+                    (self.sent, self.on_their_way) = (self.sent + 1, self.on_their_way + 1);
+                }
+                Step::Send | Step::Skip => {}
+                Step::Open => {
+                    self.flow.open(at(1));
+                    self.message(false);
+                }
+                Step::Close => {
+                    self.flow.close();
+                    self.message(false);
+                }
+                Step::Becomes(link) => self.link = link,
+            }
+        }
+    }
+
+    fn step() -> impl Strategy<Value = Step> {
+        let link = prop_oneof![Just(Link::Up), Just(Link::Silent), Just(Link::Down)];
+        prop_oneof![
+            6 => Just(Step::Send),
+            1 => Just(Step::Skip),
+            1 => Just(Step::Open),
+            1 => Just(Step::Close),
+            2 => link.prop_map(Step::Becomes),
+        ]
+    }
+
+    proptest! {
+        /// For any order of cuts, returns, openings and closings: each value has arrived, or one of the two ends counts
+        /// it. While a cut is not noticed, values are still on their way, and they are counted once a message arrives.
+        #[test]
+        fn a_value_arrives_or_is_counted_once(first: u32, steps in proptest::collection::vec(step(), 0..200)) {
+            let mut ends = Ends::new(first);
+            for step in steps {
+                ends.step(step);
+                let counted = ends.lost + ends.flow.undelivered() + ends.on_their_way;
+                prop_assert_eq!(ends.sent, ends.arrived + counted);
+            }
+            ends.step(Step::Becomes(Link::Up));
+            ends.step(Step::Close);
+            prop_assert_eq!((ends.flow.undelivered(), ends.on_their_way), (0, 0));
+            prop_assert_eq!(ends.sent, ends.arrived + ends.lost);
+        }
     }
 
     #[test]

@@ -129,7 +129,7 @@ impl Cycle {
                     drop(self.module);
                     return self.lines.inbox.leave();
                 }
-                self.lines.wait(self.lines.inbox.deadline());
+                self.wait_idle();
                 continue;
             }
             let time = now();
@@ -142,6 +142,15 @@ impl Cycle {
             self.arm(time);
             self.work(time);
         }
+    }
+
+    /// Waits while nothing runs. A consumer that is connected again takes over the count of undelivered values.
+    fn wait_idle(&mut self) {
+        let losses = self.lines.inbox.has_told_undelivered().then(|| {
+            self.tell_losses(now());
+            self.losses_due
+        });
+        self.lines.wait([self.lines.inbox.deadline(), losses].into_iter().flatten().min());
     }
 
     /// Carries out calls of others, but only as many at once that the next calculation is not delayed.
@@ -400,8 +409,14 @@ impl Cycle {
     fn tell_losses(&mut self, time: Time) {
         if time >= self.losses_due {
             self.losses_due = time + LOSSES_EVERY;
-            self.lines.notices.tell(self.lines.inbox.take_losses());
+            self.lines.notices.tell(self.lines.inbox.take_losses(self.lines.links.undelivered()));
         }
+    }
+
+    /// Returns the present counts.
+    fn counts(&self) -> Tally {
+        let undelivered = self.lines.links.undelivered().iter().map(|(_, count)| count).sum();
+        Tally { undelivered, ..self.tally.with_losses(self.lines.inbox.waiting_losses()) }
     }
 
     fn ended(&mut self) {
@@ -416,7 +431,7 @@ impl Cycle {
         self.tell_losses(now());
         self.show(now());
         let activation = self.activation;
-        self.tally.log();
+        self.counts().log();
         self.lines.tell(&ending.notice(activation, unconfirmed));
     }
 
@@ -435,7 +450,7 @@ impl Cycle {
         }
         let Some(mut values) = self.call(|module| module.signals()) else { return };
         let Some(missed) = self.samples.look(&values, time) else { return };
-        values.extend(self.tally.with_losses(self.lines.inbox.waiting_losses()).signals());
+        values.extend(self.counts().signals());
         self.lines.links.show(&Signals { stamp: time, values });
         if !missed.is_empty() {
             self.lines.links.show(&Peaks { stamp: time, values: missed });
@@ -445,7 +460,7 @@ impl Cycle {
     /// Shows the counts of a controller without signals.
     fn show_counts(&mut self, time: Time) {
         if self.samples.is_due(time) {
-            let counts = self.tally.with_losses(self.lines.inbox.waiting_losses());
+            let counts = self.counts();
             if self.samples.count(counts, time) {
                 self.lines.links.show(&Signals { stamp: time, values: counts.signals().into() });
             }

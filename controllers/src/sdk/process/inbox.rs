@@ -140,6 +140,8 @@ struct Losses {
     of_wires: BTreeMap<u32, u64>,
     /// By input, the number of refused values.
     refused: BTreeMap<&'static str, u64>,
+    /// The values of wires of outputs that were not delivered, as last reported.
+    undelivered: Vec<(u32, u64)>,
     /// Whether there are numbers that the node does not know yet.
     is_news: bool,
 }
@@ -346,14 +348,22 @@ impl Inbox {
         std::mem::take(&mut self.lock().answers)
     }
 
-    /// Returns the losses of each wire and the refusals of each input since the program began, if the node does not
-    /// know them yet.
-    pub(super) fn take_losses(&self) -> Option<Notice> {
+    /// Returns the losses of each wire and the refusals of each input since the program began, and the given undelivered
+    /// values, if the node does not know them yet.
+    pub(super) fn take_losses(&self, undelivered: Vec<(u32, u64)>) -> Option<Notice> {
         let losses = &mut self.lock().losses;
+        losses.is_news |= losses.undelivered != undelivered;
+        losses.undelivered = undelivered;
         std::mem::take(&mut losses.is_news).then(|| Notice::Losses {
             wires: losses.of_wires.iter().map(|(wire, count)| (*wire, *count)).collect(),
             refused: losses.refused.iter().map(|(input, count)| ((*input).to_owned(), *count)).collect(),
+            undelivered: losses.undelivered.clone(),
         })
+    }
+
+    /// Returns whether the node was last told of undelivered values.
+    pub(super) fn has_told_undelivered(&self) -> bool {
+        !self.lock().losses.undelivered.is_empty()
     }
 
     /// Records that an input has refused a value, because a number in it is not finite.
@@ -384,7 +394,7 @@ impl Inbox {
     /// Marks all losses as not yet reported, so that another node gets them.
     pub(super) fn tell_losses_again(&self) {
         let losses = &mut self.lock().losses;
-        losses.is_news = !losses.of_wires.is_empty() || !losses.refused.is_empty();
+        losses.is_news = !losses.of_wires.is_empty() || !losses.refused.is_empty() || !losses.undelivered.is_empty();
     }
 
     /// Takes an answer of the database.
@@ -528,16 +538,21 @@ mod tests {
             Item::Lost(..) | Item::Taken(_) => panic!("{item:?}"),
         };
         assert_eq!(items.iter().map(what).filter(|what| *what > 0).sum::<u64>(), 4);
-        let told = |wires: &[(u32, u64)], refused: &[(&str, u64)]| {
+        let told = |refused: &[(&str, u64)], undelivered: &[(u32, u64)]| {
             let refused = refused.iter().map(|(input, count)| ((*input).to_owned(), *count)).collect();
-            Some(Notice::Losses { wires: wires.to_vec(), refused })
+            Some(Notice::Losses { wires: vec![(3, 4)], refused, undelivered: undelivered.to_vec() })
         };
-        assert_eq!((inbox.take_losses(), inbox.take_losses()), (told(&[(3, 4)], &[]), None));
+        let take = |undelivered: &[(u32, u64)]| inbox.take_losses(undelivered.to_vec());
+        assert_eq!((take(&[]), take(&[])), (told(&[], &[]), None));
         inbox.tell_losses_again();
-        assert_eq!(inbox.take_losses(), told(&[(3, 4)], &[]));
+        assert_eq!(take(&[]), told(&[], &[]));
         inbox.refuse_value("In");
         inbox.refuse_value("In");
-        assert_eq!((inbox.take_losses(), inbox.take_losses()), (told(&[(3, 4)], &[("In", 2)]), None));
+        assert_eq!((take(&[]), take(&[])), (told(&[("In", 2)], &[]), None));
+        let cut = [(5, 7)];
+        assert_eq!((take(&cut), take(&cut)), (told(&[("In", 2)], &cut), None));
+        inbox.tell_losses_again();
+        assert_eq!((take(&cut), take(&[]), take(&[])), (told(&[("In", 2)], &cut), told(&[("In", 2)], &[]), None));
         assert_eq!(items.iter().map(what).filter(|what| *what == 0).count(), 2);
     }
 }

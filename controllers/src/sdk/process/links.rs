@@ -258,7 +258,7 @@ impl Links {
         let mut passing = Vec::new();
         for (&number, wire) in made.wires.iter_mut().filter(|(_, wire)| wire.port == port) {
             if wire.flow.offer(&bytes, now) {
-                wire.flow.sent(wire.has_consumer());
+                wire.passed();
                 passing.push(number);
                 if matches!(wire.way, Transport::Pull { .. }) {
                     wire.way.keep(Some(bytes.clone()));
@@ -289,11 +289,22 @@ impl Links {
         devices.taps.count(port);
         for wire in &mut own {
             // A consumer may have gone a moment ago.
-            if wire.flow.pass(now) && !wire.send_directly(&mut parcel) {
-                wire.send(&parcel.to_vec(memory).into());
+            if wire.flow.pass(now) {
+                wire.reach();
+                if !wire.send_directly(&mut parcel) {
+                    wire.send(&parcel.to_vec(memory).into());
+                }
             }
         }
         true
+    }
+
+    /// Returns the values of each wire that were sent while its consumer was not connected, and that the consumer does
+    /// not count yet.
+    pub(super) fn undelivered(&self) -> Vec<(u32, u64)> {
+        let made = self.lock();
+        let counts = made.wires.iter().map(|(number, wire)| (*number, u64::from(wire.flow.undelivered())));
+        counts.filter(|(_, count)| *count > 0).collect()
     }
 
     /// Publishes signals, or their peaks between two samples.
@@ -363,6 +374,7 @@ impl Made {
             let Some(wire) = self.wires.get_mut(wire) else { continue };
             let sent = wire.flow.close();
             wire.mark(&Boundary::Closed { generation: *generation, sent }, wire.flow.number());
+            wire.reach();
             wire.way.keep(None);
         }
         for Opening { wire, after } in open {
@@ -370,6 +382,7 @@ impl Made {
             let (was_open, before) = (wire.flow.is_open(), wire.flow.number());
             let last = wire.flow.open(now);
             wire.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
+            wire.reach();
             match (&wire.way, last) {
                 (Transport::Push(_), Some(last)) => wire.repeat(last),
                 (Transport::Push(_), None) => {}

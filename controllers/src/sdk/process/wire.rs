@@ -35,11 +35,44 @@ pub(super) struct Wire {
     pub(super) port: &'static str,
     pub(super) flow: Flow,
     pub(super) way: Transport,
+    place: Place,
     /// In a team, publishes to people the values that are sealed for the consumer.
     seen: Option<Publisher>,
 }
 
+/// Where the consumer of a wire is, as its connections have shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Place {
+    /// No consumer has been connected.
+    #[default]
+    Unknown,
+    ThisHost,
+    OtherHost,
+}
+
 impl Wire {
+    /// Notes whether a consumer is there for a value that has passed the flow.
+    pub(super) fn passed(&mut self) {
+        self.flow.sent(self.has_consumer());
+        self.reach();
+    }
+
+    /// Notes whether the consumer gets the last message. The values for a consumer on another host that is not connected
+    /// are counted. A consumer on this host that is not connected has ended, so it loses nothing. Neither does a
+    /// consumer that has not come yet.
+    pub(super) fn reach(&mut self) {
+        let Transport::Push(Push { publisher, outlet }) = &self.way else { return self.flow.reached() };
+        let is_direct = || outlet.as_ref().is_some_and(Outlet::is_connected);
+        self.place = match self.place {
+            Place::Unknown | Place::OtherHost if is_direct() => Place::ThisHost,
+            Place::Unknown if publisher.is_heard() => Place::OtherHost,
+            place @ (Place::Unknown | Place::ThisHost | Place::OtherHost) => place,
+        };
+        if self.place != Place::OtherHost || publisher.is_heard() {
+            self.flow.reached();
+        }
+    }
+
     /// Sends a value that has passed the flow to a consumer on the same host. Returns whether the value has no other
     /// receiver.
     pub(super) fn send_directly(&self, parcel: &mut Parcel<'_>) -> bool {
@@ -59,6 +92,7 @@ impl Wire {
     /// Sends the last value again. If no consumer is there, the wire owes the value.
     pub(super) fn repeat(&mut self, last: Vec<u8>) {
         self.flow.repeated(self.has_consumer());
+        self.reach();
         if !self.send_directly(&mut Parcel::new(&last)) {
             self.send(&last.into());
         }
@@ -366,7 +400,7 @@ pub(super) fn wire(
     };
     let seen = keyring.filter(|_| !outgoing.pull);
     let seen = seen.map(|_| session.publisher(&key::wire_seen(key), Priority::Background)).transpose();
-    Ok(Wire { port, flow: Flow::new(shape), way, seen: seen.map_err(failed)? })
+    Ok(Wire { port, flow: Flow::new(shape), way, place: Place::default(), seen: seen.map_err(failed)? })
 }
 
 /// Answers fetches. In a team, only the other end can read the answers.

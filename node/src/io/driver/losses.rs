@@ -1,5 +1,5 @@
-//! The values that wires have lost, and those that inputs or seals have refused, as counted by the programs at their
-//! ends.
+//! The values that wires have lost or not delivered, and those that inputs or seals have refused, as counted by the
+//! programs at their ends.
 
 use super::Driver;
 use crate::io::event::{Connection, Counted};
@@ -24,6 +24,8 @@ struct Counts {
     lost: BTreeMap<u32, u64>,
     /// By input.
     refused: BTreeMap<String, u64>,
+    /// By the number of the wire.
+    undelivered: BTreeMap<u32, u64>,
 }
 
 impl Losses {
@@ -31,7 +33,8 @@ impl Losses {
     pub(super) fn note(&mut self, process: ProcessId, instance: String, counted: Counted) {
         let lost = counted.wires.into_iter().take(WIRES_MAX).collect();
         let refused = counted.refused.into_iter().take(WIRES_MAX).collect();
-        self.0.insert(process, Counts { instance, lost, refused });
+        let undelivered = counted.undelivered.into_iter().take(WIRES_MAX).collect();
+        self.0.insert(process, Counts { instance, lost, refused, undelivered });
     }
 
     /// Removes programs that are gone.
@@ -39,7 +42,7 @@ impl Losses {
         self.0.retain(|process, _| !is_gone(process));
     }
 
-    /// Adds the lost and refused values to a status.
+    /// Adds the lost, refused and undelivered values to a status.
     pub(super) fn tell(&self, status: &mut NodeStatus, agent: &Agent) {
         for part in &mut status.deployments {
             let of_part = || self.0.iter().filter(|(process, _)| process.deployment == part.deployment);
@@ -51,12 +54,12 @@ impl Losses {
                 refused.iter().map(named).collect::<Vec<_>>()
             });
             part.refused = refused.collect();
-            let wires = of_part().flat_map(|(_, counts)| &counts.lost);
-            let named = wires.filter_map(|(wire, count)| {
+            let named = |(wire, count): (&u32, &u64)| {
                 let wire = agent.wire(&part.deployment, *wire)?;
                 Some(LostValues { wire, count: *count })
-            });
-            part.lost = named.collect();
+            };
+            part.lost = of_part().flat_map(|(_, counts)| &counts.lost).filter_map(named).collect();
+            part.undelivered = of_part().flat_map(|(_, counts)| &counts.undelivered).filter_map(named).collect();
         }
     }
 }

@@ -160,6 +160,9 @@ pub struct DeploymentStatus {
     pub lost: Vec<LostValues>,
     /// The values that inputs of its programs on this host have refused.
     pub refused: Vec<RefusedValues>,
+    /// The values that programs on this host have sent while the consumers on other hosts were not connected. A consumer
+    /// that is connected again counts them as lost.
+    pub undelivered: Vec<LostValues>,
 }
 
 /// Values that were sent over a wire and have not arrived: a cut or congested link has dropped them, or the queue had

@@ -57,6 +57,7 @@ fn status(parts: &[(Deployment, &[(&str, &str)])]) -> Input {
             processes: processes.iter().map(process).collect(),
             lost: Vec::new(),
             refused: Vec::new(),
+            undelivered: Vec::new(),
         }
     };
     let status = NodeStatus {

@@ -185,6 +185,78 @@ fn a_consumer_that_comes_late_gets_the_last_value_once() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// Waits until something is so.
+fn wait_until(is_so: &dyn Fn() -> bool) {
+    let (wakeup, until) = (Wakeup::default(), now() + LONG);
+    while !is_so() {
+        assert!(now() < until, "it does not come about");
+        wakeup.wait(Some(now() + LONG / 1000));
+    }
+}
+
+/// A producer counts values that its consumer on another host cannot get, until the next message reaches it.
+#[test]
+fn values_without_a_connected_consumer_are_counted_until_it_is_told() {
+    let folder = std::env::temp_dir().join(format!("dca-undelivered-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let open = |name: &str| DataSession::open(&folder.join(name), Reach::Host).unwrap();
+    let path = |name: &str| DirectPath::open(&folder.join(name), None).unwrap();
+    let (producer, consumer) = (open("p.sock"), open("c.sock"));
+    let (near, own) = (path("p.wire"), path("c.wire"));
+    let location = producer.location();
+    consumer.dial(&Dial { session: location.session, locators: location.local }, LONG).unwrap();
+    let (links, keys) = (Links::default(), [0, 1].map(|wire| key::wire("undelivered", 1, wire)));
+    for (number, key) in (0..).zip(&keys) {
+        let outgoing = Outgoing { wire: number, port: "Out".into(), key: key.clone(), pull: false };
+        let (shape, memories) = (Shape::default(), &mut BTreeMap::new());
+        let made = wire(&producer, Some(&near), &interface(), None, &outgoing, shape, memories).unwrap();
+        links.lock().wires.insert(number, made);
+    }
+    let has_consumer = |wire: u32| links.lock().wires[&wire].has_consumer();
+    let send = |count: usize| (0..count).for_each(|_| links.send("Out", vec![0]));
+    let far = || {
+        let hearing = consumer.on_wire(&keys[0], |_: Arrival<Cow<'_, [u8]>>, _: Option<_>| ()).unwrap();
+        wait_until(&|| has_consumer(0));
+        hearing
+    };
+
+    links.switch(&[0, 1], true);
+    send(3);
+    assert_eq!(links.undelivered(), [], "no consumer has come yet");
+    let place = Dial { session: "p".into(), locators: vec![near.locator()] }.direct().unwrap();
+    let form = agreement::form(&PortInterface::wire("In", Direction::In, "Number"));
+    let inlet = own.inlet(&place, LONG, &keys[1], form, None, |_, _| ()).unwrap();
+    wait_until(&|| has_consumer(1));
+    let mut hearing = far();
+    send(1);
+    assert_eq!(links.undelivered(), []);
+    // The consumer on this host ends.
+    drop(inlet);
+    wait_until(&|| !has_consumer(1));
+    for next in ["value", "boundary"] {
+        drop(hearing);
+        wait_until(&|| !has_consumer(0));
+        send(2);
+        assert_eq!(links.undelivered(), [(0, 2)]);
+        hearing = far();
+        assert_eq!(links.undelivered(), [(0, 2)], "the consumer does not know of them");
+        match next {
+            "value" => send(1),
+            _ => links.switch(&[0], false),
+        }
+        assert_eq!(links.undelivered(), [], "the consumer counts them after a {next}");
+    }
+    links.switch(&[0], true);
+    drop(hearing);
+    wait_until(&|| !has_consumer(0));
+    send(1);
+    links.switch(&[0, 1], false);
+    send(1);
+    assert_eq!(links.undelivered(), [(0, 1)], "closed wires send nothing");
+    links.clear();
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// A program that is gone uses up the time of a restarted program. A producer on this host still gets a direct wire.
 #[test]
 fn a_program_that_is_gone_takes_no_direct_wire_away() {
