@@ -141,7 +141,11 @@ impl Trace {
                 let signal = sample.values.iter().find(|signal| signal.name == name)?;
                 Some(Sample { at: *at, stamp: sample.stamp, value: signal.value })
             }
-            Entry::Signals { .. } | Entry::Report(_) | Entry::Output { .. } | Entry::Port { .. } => None,
+            Entry::Signals { .. }
+            | Entry::Report(_)
+            | Entry::Output { .. }
+            | Entry::Port { .. }
+            | Entry::Missing { .. } => None,
         };
         let mut samples: Vec<Sample> = self.run.entries.iter().filter_map(sample).collect();
         // A peak between two samples is recorded after the second sample.
@@ -152,7 +156,7 @@ impl Trace {
     fn reports(&self) -> impl Iterator<Item = &Report> {
         self.run.entries.iter().filter_map(|entry| match entry {
             Entry::Report(report) => Some(report),
-            Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } => None,
+            Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } | Entry::Missing { .. } => None,
         })
     }
 }
