@@ -187,7 +187,8 @@ mod tests {
         let text = text(&[right.clone(), wrong.clone(), board.clone()], &["c4".to_owned()]);
         assert_eq!(text.lines().map(str::trim_end).collect::<Vec<_>>(), expected);
         assert_eq!(right.warnings(), [""; 0]);
-        let behind = "warning: the clock of `c2` is 300.5 s behind the clock here: one of them is wrong";
+        let behind =
+            "warning: the clock of `c2` is 300.5 s behind the clock of this machine: one of the clocks is wrong";
         assert_eq!(wrong.warnings(), [behind]);
         assert!(board.warnings()[0].contains("it was never set"), "{board:?}");
     }

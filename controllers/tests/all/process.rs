@@ -333,7 +333,7 @@ fn a_controller_without_signals_shows_its_losses() {
     while next().1 < 9.0 {}
     config.order(&Order::Stop { activation: 1 });
     config.expect(&Notice::Stopped { activation: 1 });
-    assert_eq!(next(), (3, 9.0, 0.0));
+    assert_eq!(next(), (4, 9.0, 0.0));
     config.order(&Order::Exit);
     drop(joints);
     end.close();

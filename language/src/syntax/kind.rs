@@ -191,7 +191,7 @@ kinds! {
         Shield "`shield`"
         Using "`using`"
         Match "`match`"
-        Named "`name =>`"
+        Named "a name with `=>`"
         Suffixed "a suffix"
         Paren "parentheses"
         Run "a process"

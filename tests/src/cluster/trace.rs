@@ -134,6 +134,11 @@ impl Trace {
         phases.iter().find(|phase| phase.name.contains(part)).unwrap_or_else(|| panic!("no phase `{part}`: {phases:?}"))
     }
 
+    /// Returns whether nothing was recorded.
+    pub const fn is_empty(&self) -> bool {
+        self.run.entries.is_empty()
+    }
+
     /// Returns the samples of a signal of the program with this path.
     pub fn signal(&self, program: &str, name: &str) -> Vec<Sample> {
         let sample = |entry: &Entry| match entry {

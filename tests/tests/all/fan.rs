@@ -27,6 +27,8 @@ const LONG_CUT: Duration = Duration::from_secs(3);
 const LONG_CUTS_MAX: usize = 5;
 /// How long a reader is suspended. Its node does not yet report a hang after this time.
 const SUSPENDED: Duration = Duration::from_secs(3);
+/// More beats than a link and the queue of a suspended reader hold.
+const FULL: usize = 270;
 /// A busy machine never delays a loop for this long, but a blocking write to a suspended reader would.
 const HELD_UP_MAX: Duration = Duration::from_secs(2);
 
@@ -273,7 +275,11 @@ fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     let reader = leaf(suspended);
     reader.signal(Signal::STOP);
     leaf(killed).signal(Signal::KILL);
+    let count = || heard(&cluster, &names[0]).concat().len();
+    let before = count();
     pass(SUSPENDED);
+    // On a busy machine, the writer may beat more slowly.
+    assert!(wait_until(SOON, || count() >= before + FULL).is_some(), "{before}, then {}", count());
     reader.signal(Signal::CONT);
     let until = now();
     wait_until(SOON, || heard(&cluster, killed).len() == 2).expect("it is started again");

@@ -304,7 +304,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     );
     assert!(goes_on.is_running() && kept.is_running(), "what runs on one of them goes on");
     node.wait_for(Stream::Err, "`few@1` also runs on another node with the name of this node", SOON);
-    namesake.wait_for(Stream::Err, "it is ended here", SOON);
+    namesake.wait_for(Stream::Err, "the deployment is ended here", SOON);
     // A third host works with one of them, and knows both.
     let third_node = other.node("c2", &["--lan"]);
     let shown = || other.ask(&["nodes"]);

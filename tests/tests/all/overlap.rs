@@ -258,7 +258,7 @@ fn a_canary_overlaps_and_so_does_its_way_back() {
     let before = pids();
     // The next program of the other host cannot begin, so it takes over nothing.
     let bad = deploy(&chain(&cluster, [", fails_at = 1000003", ", fails_at = -1"]));
-    assert!(bad.code == Some(1) && bad.err.contains("so the change of `c2` is taken back"), "{bad}");
+    assert!(bad.code == Some(1) && bad.err.contains("so the change of the host `c2` is taken back"), "{bad}");
     assert_eq!(others(&before), ["main/through"], "it was changed, and changed back");
     let plan = here.ask(&["plan", &chain(&cluster, [", fails_at = 1000001", ", fails_at = 1000002"])]);
     assert!(plan.code == Some(0) && plan.out.contains("revision 4:\n  keep       4 programs"), "{plan}");

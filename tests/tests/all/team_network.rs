@@ -134,7 +134,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     let empty = team.cluster.folder().join("no.keys").display().to_string();
     let nobody = team.host(1).ask(&["deploy", &spec("door_opening"), "--keys", &empty]);
     assert_eq!(nobody.code, Some(1), "{nobody}");
-    assert!(nobody.err.contains("you have no key: `dca team key` makes one"), "{nobody}");
+    assert!(nobody.err.contains("you have no key: `dca team key` makes a key"), "{nobody}");
     let mission = team.host(1).dca(&with(&["deploy", &spec("door_opening")], &team.keys));
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     let status = team.host(2).ask(&["status"]);

@@ -424,7 +424,7 @@ async fn hold(
             tokio::task::spawn_blocking(move || drop(subscription)).await.unwrap_or_default();
         }
         Err(failure) => {
-            tracing::debug!(why = %crate::client::words(&failure), "cannot receive the values of an output")
+            tracing::debug!(why = %crate::client::words(&failure), "cannot receive the values of an output");
         }
     }
 }

@@ -289,7 +289,6 @@ mod tests {
             "a ; (b or c)",
             "not b",
             "b -> c",
-            "b => c",
             "a > b",
             "a >> b",
             "!b",

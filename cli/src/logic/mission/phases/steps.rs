@@ -162,12 +162,8 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Conditional(..) => (5, " : "),
         E::Recurrent(..) => (5, " ;; "),
         E::Match(arms) => {
-            let tag = |arm: &Arm| arm.tag.clone().unwrap_or_else(|| "else".to_owned());
-            let arm = |arm: &Arm| match &arm.body {
-                E::Named { name, of } => format!("{} {name} => {}", tag(arm), inside(of, 1, members)),
-                body => format!("{} => {}", tag(arm), inside(body, 1, members)),
-            };
-            return (9, format!("match {{ {} }}", arms.iter().map(arm).collect::<Vec<_>>().join(", ")));
+            let arms = arms.iter().map(|arm| self::arm(arm, members)).collect::<Vec<_>>();
+            return (9, format!("match {{ {} }}", arms.join(", ")));
         }
         E::Shield { bound, of } => {
             let bound = bound.map_or(String::new(), |bound| format!("({} s)", bound.as_secs_f64()));
@@ -202,6 +198,15 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         (_, text) => format!("({text})"),
     });
     (level, parts.collect::<Vec<_>>().join(operator))
+}
+
+/// Returns the text of an arm by an outcome. `found p => Q` gives the value of the outcome a name.
+fn arm(arm: &Arm, members: &[Member]) -> String {
+    let tag = arm.tag.as_deref().unwrap_or("else");
+    if let Expression::Named { name, of } = &arm.body {
+        return format!("{tag} {name} => {}", inside(of, 1, members));
+    }
+    format!("{tag} => {}", inside(&arm.body, 1, members))
 }
 
 /// Returns the text of an operand, in brackets if it binds less tightly than `level`.
