@@ -466,7 +466,9 @@ mod tests {
         let (lines, log) = (lines(&folder), read(&folder.join(FILE)).unwrap().unwrap());
         // The first line, the first record, the records for which there was room, and the count of the others.
         assert_eq!((lines.len(), log.last()), (2 + 128 + 1, 130));
-        assert!(lines[130].contains("73 more that were refused\t") && lines[130].contains("the disk has refused"));
+        assert!(
+            lines[130].contains("73 more requests that were refused\t") && lines[130].contains("the disk has refused")
+        );
         assert_eq!(positions.borrow().map(|position| position.number), Some(130));
         give(&mut writer, "later");
         assert_eq!(read(&folder.join(FILE)).unwrap().unwrap().last(), 131);
@@ -520,11 +522,11 @@ mod tests {
         let strangers = lines.iter().filter(|line| line.contains("a stranger")).count();
         // A minute may have ended in the meantime.
         let more = |line: &String| -> Option<usize> {
-            line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
+            line.split_once(" more requests that were refused")?.0.split('\t').next_back()?.parse().ok()
         };
         let more: usize = lines.iter().filter_map(more).sum();
         assert_eq!(strangers + more, 10_000, "all are counted");
-        assert!(lines.iter().all(|line| !line.contains("more that were done")));
+        assert!(lines.iter().all(|line| !line.contains("more requests that were done")));
         fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -545,7 +547,7 @@ mod tests {
         let strangers = lines.iter().filter(|line| line.contains("\tstranger ")).count();
         let sums = lines.iter().filter(|line| line.contains("\tstrangers\t"));
         let counted = |line: &String| -> Option<usize> {
-            line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
+            line.split_once(" more requests that were refused")?.0.split('\t').next_back()?.parse().ok()
         };
         let counts: Vec<usize> = sums.filter_map(counted).collect();
         // A minute may have ended in the meantime.

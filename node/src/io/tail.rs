@@ -316,7 +316,7 @@ mod tests {
         }
         assert_eq!(wrote, [("main/other".to_owned(), b"other".to_vec())]);
         let why = said.end().unwrap_err();
-        assert!(why.starts_with("what a program wrote cannot be read: Is a directory"), "{why}");
+        assert!(why.starts_with("cannot read the output of a program: Is a directory"), "{why}");
         sending.join_next().await.unwrap().unwrap();
     }
 

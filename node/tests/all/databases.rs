@@ -374,7 +374,7 @@ fn what_is_local_is_read_like_anything_else() {
     assert_eq!(list(0, "local/", AsOf::Now), ["local/serial"]);
     assert_eq!(list(0, "", AsOf::Now)[0], "local/serial");
     assert_eq!(list(1, "local/", AsOf::Now), [""; 0]);
-    assert!(list(0, "local/", AsOf::Date(1_700_000_001_000))[0].contains("no past"));
+    assert!(list(0, "local/", AsOf::Date(1_700_000_001_000))[0].contains("no history"));
     let Reply::Text(file) = world.ask(0, Question::Export { prefix: "local/".into(), at: AsOf::Now }) else {
         panic!("no file")
     };

@@ -201,8 +201,11 @@ fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     assert_eq!(others(&here, &before), Vec::<String>::new());
 
     let bad = deploy(&new.replace("# hit # beside", "# (hit , beside)"), "c2");
-    let why =
-        ["on `c2` first", "so the change of the host `c2` is taken back", "the new event actions have no place for it there"];
+    let why = [
+        "on `c2` first",
+        "so the change of the host `c2` is taken back",
+        "the new event actions have no place for it there",
+    ];
     assert!(bad.code == Some(1) && why.iter().all(|why| bad.err.contains(why)), "{bad}");
     assert_eq!(others(&here, &before), ["main/beside"], "it was changed, and changed back");
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
