@@ -152,10 +152,12 @@ fn prepare(spec: &mut Spec, recorded: &Run, stand_ins: &[StandIn], folder: &Path
     for stand_in in stand_ins {
         let Some(leaf) = spec.plan.leaves.get(stand_in.leaf as usize) else { continue };
         let path = leaf.path.clone();
-        let port = |output: &String| LeafPort { leaf: stand_in.leaf, port: output.clone() };
-        let of_output = |output| Some((output, output_message(&spec.plan, &types, &port(output))?));
-        let of_outputs: BTreeMap<&String, _> = stand_in.outputs.iter().filter_map(of_output).collect();
-        let message = |output: &str| of_outputs.get(&output.to_owned());
+        let of_output = |output| {
+            let port = LeafPort { leaf: stand_in.leaf, port: String::clone(output) };
+            Some((output.as_str(), output_message(&spec.plan, &types, &port)?))
+        };
+        let of_outputs: BTreeMap<&str, _> = stand_in.outputs.iter().filter_map(of_output).collect();
+        let message = |output: &str| of_outputs.get(output);
         let steps = replay::steps(recorded, &path, stand_in, message).map_err(|why| anyhow!("`{path}`: {why}"))?;
         for (output, counts) in &steps.counts {
             console::note(&format!("plays {path}.{output}: {}", steps.plays(output)));
