@@ -325,6 +325,15 @@ mod tests {
         Sinks { events, dropped: Arc::default(), values: Arc::default() }
     }
 
+    /// Ends a program and its publisher, which may wait for their threads.
+    async fn close(program: DataSession, publisher: impl Send + 'static) {
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(publisher);
+            program.close();
+        });
+        closing.await.unwrap();
+    }
+
     /// A program that shows the signals of `main/hit`.
     async fn program(socket: PathBuf) -> (DataSession, Publisher) {
         let opening = tokio::task::spawn_blocking(move || {
@@ -358,11 +367,7 @@ mod tests {
         let publisher = publishing.await.unwrap();
         assert!(matches!(seen.recv().await, Some(ObserverEvent::Sample(_))));
         observer.close().await;
-        let closing = tokio::task::spawn_blocking(move || {
-            drop(publisher);
-            program.close();
-        });
-        closing.await.unwrap();
+        close(program, publisher).await;
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -395,11 +400,7 @@ mod tests {
         assert_eq!((sample.path.as_str(), sample.signals), ("main/hit", signals));
         observer.close().await;
         let publisher = publishing.await.unwrap();
-        let closing = tokio::task::spawn_blocking(move || {
-            drop(publisher);
-            program.close();
-        });
-        closing.await.unwrap();
+        close(program, publisher).await;
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -425,11 +426,7 @@ mod tests {
             let (program, publisher) = publishing.await.unwrap();
             let Some(ObserverEvent::Sample(sample)) = seen.recv().await else { panic!("no sample of the {life} came") };
             assert_eq!(sample.signals.values.first().map(|signal| signal.value), Some(value));
-            let closing = tokio::task::spawn_blocking(move || {
-                drop(publisher);
-                program.close();
-            });
-            closing.await.unwrap();
+            close(program, publisher).await;
         }
         assert!(seen.try_recv().is_err(), "each is seen once");
         observer.close().await;
@@ -505,11 +502,7 @@ mod tests {
         // A fast sender loses values on the way to a busy machine, but the queue has lost none.
         assert!(burst > 64, "{burst} of 3000 values");
         observer.close().await;
-        let closing = tokio::task::spawn_blocking(move || {
-            drop(publisher);
-            program.close();
-        });
-        closing.await.unwrap();
+        close(program, publisher).await;
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

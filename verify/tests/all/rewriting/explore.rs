@@ -79,7 +79,7 @@ pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, trouble: Trouble) -> Optio
             return None;
         }
         let (is_stopping, is_struck) = (graph.seen[state].is_stopping, graph.seen[state].is_struck);
-        for what in moves(&graph.seen[state], &reference, (group, tags), trouble) {
+        for what in moves(&graph.seen[state], &reference, group, tags, trouble) {
             let mut next = reference.clone();
             let ended = match &what {
                 Move::Start => next.begin(Value::EMPTY),
@@ -116,7 +116,7 @@ pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, trouble: Trouble) -> Optio
     Some(graph)
 }
 
-fn moves(at: &Seen, reference: &Reference, (group, tags): (&Group, &Tags), trouble: Trouble) -> Vec<Move> {
+fn moves(at: &Seen, reference: &Reference, group: &Group, tags: &Tags, trouble: Trouble) -> Vec<Move> {
     let Some(conf) = &reference.conf else { return vec![Move::Start] };
     let mut all = if trouble == Trouble::Any && !at.is_stopping { vec![Move::Stop] } else { Vec::new() };
     let seen = look(reference, false, None);
