@@ -479,7 +479,8 @@ mod tests {
         let waiting = Arc::clone(&publisher);
         let heard = tokio::task::spawn_blocking(move || waiting.wait_heard(Duration::from_secs(20))).await.unwrap();
         assert!(heard, "nobody listens");
-        // Two values were sent earlier. A large value may be lost on a busy machine, so it is repeated.
+        // Two values were sent earlier. A large value may be lost on a busy machine, so it is repeated. If the first one
+        // is lost, it counts as early.
         let (mut number, mut received, mut largest) = (3, 0, 0);
         while largest < VALUE_MAX {
             number = send(&publisher, &values, vec![VALUE_MAX], number).await;
@@ -497,8 +498,8 @@ mod tests {
         }
         let pending = values.missing().pending();
         let [(_, count)] = &pending[..] else { panic!("{pending:?}") };
-        let sent = u64::from(number) - 1;
-        assert_eq!((count.early, count.early + received + burst + count.lost), (2, sent), "{pending:?}");
+        assert!(count.early >= 2, "{pending:?}");
+        assert_eq!(count.early + received + burst + count.lost, u64::from(number) - 1, "{pending:?}");
         // A fast sender loses values on the way to a busy machine, but the queue has lost none.
         assert!(burst > 64, "{burst} of 3000 values");
         observer.close().await;
