@@ -99,9 +99,10 @@ fn a_program_that_was_started_again_is_recorded_on() {
 fn a_record_that_breaks_off_is_an_error() {
     let cluster = Cluster::new();
     let node = cluster.here().node("c3", &[]);
-    let file = cluster.file("force.dca", SPEC);
-    // A limit of 64 kB in the shell replaces the full disk.
-    let script = "trap '' XFSZ; ulimit -f 128; exec \"$0\" deploy --run-dir \"$1\" --record all \"$2\"";
+    // The mission records about 64 kB in a second, and writes them once a second. A limit of 128 kB in the shell replaces
+    // the full disk.
+    let file = cluster.file("force.dca", &SPEC.replace("wait(2 s)", "wait(4 s)"));
+    let script = "trap '' XFSZ; ulimit -f 256; exec \"$0\" deploy --run-dir \"$1\" --record all \"$2\"";
     let told = Command::new("sh")
         .args(["-c", script])
         .arg(executable("dca"))
