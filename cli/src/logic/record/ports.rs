@@ -10,6 +10,9 @@ use language::plan::{LeafPort, Plan, Transfer, Wire};
 use node::logic::protocol::Deployment;
 use std::sync::Arc;
 
+/// The most outputs that a message lists.
+const CHOICES_MAX: usize = 8;
+
 /// A wire that is recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Port {
@@ -36,6 +39,25 @@ impl Port {
     }
 }
 
+/// Returns the outputs that can be named, as a sentence continues.
+fn choices(plan: &Plan) -> String {
+    let mut outputs: Vec<String> = Vec::new();
+    for wire in plan.wires.iter().filter(|wire| wire.transfer == Transfer::Push) {
+        let path = plan.leaves.get(wire.from.leaf as usize).map_or("", |leaf| &leaf.path);
+        let output = format!("`{}.{}`", path.strip_prefix("main/").unwrap_or(path), wire.from.port);
+        if !outputs.contains(&output) {
+            outputs.push(output);
+        }
+    }
+    let more = outputs.len().saturating_sub(CHOICES_MAX);
+    outputs.truncate(CHOICES_MAX);
+    match (outputs.is_empty(), more) {
+        (true, _) => "no process sends values to another one".to_owned(),
+        (false, 0) => format!("connected are {}; `all` records all of them", outputs.join(", ")),
+        (false, _) => format!("connected are {} and {more} more; `all` records all of them", outputs.join(", ")),
+    }
+}
+
 /// Returns the named wires: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` contains the
 /// known types of outputs.
 ///
@@ -56,7 +78,7 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         let meant = |wire: &Wire| what == "all" || is_meant(&wire.from);
         let wires = || (0_u32..).zip(&plan.wires).filter(|(_, wire)| meant(wire));
         if wires().next().is_none() && what != "all" {
-            return Err(format!("no output `{what}` is connected; write it as `force.Out`, or `all`"));
+            return Err(format!("no output `{what}` is connected; {}", choices(plan)));
         }
         // If the consumer of a wire fetches the values, they are not sent, so they cannot be received.
         let pushed: Vec<_> = wires().filter(|(_, wire)| wire.transfer == Transfer::Push).collect();
@@ -140,7 +162,8 @@ mod tests {
         check(&["all"], Ok(&["main/sys/servo/Out", "main/sys/near/Out"]));
         check(&["Out"], Ok(&["main/sys/servo/Out", "main/sys/near/Out"]));
         check(&["near.Out", "sys/near.Out"], Ok(&["main/sys/near/Out"]));
-        check(&["near.In"], Err("no output `near.In` is connected; write it as `force.Out`, or `all`"));
+        let connected = "connected are `sys/servo.Out`, `sys/near.Out`; `all` records all of them";
+        check(&["near.In"], Err(&format!("no output `near.In` is connected; {connected}")));
         check(&["State"], Err("`State` cannot be recorded: its consumers fetch its values"));
     }
 }
