@@ -6,7 +6,8 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 
 /// An editor and its server.
 pub(crate) struct Editor {
-    server: Child,
+    /// The server.
+    pub(crate) server: Child,
     input: ChildStdin,
     output: BufReader<ChildStdout>,
     requests: i64,
