@@ -152,9 +152,11 @@ fn a_program_that_has_not_begun_yet() {
 #[test]
 fn a_program_that_is_killed_before_it_answers() {
     let cluster = Cluster::new();
-    let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
+    let (here, [_node, deploy]) = deployed_spec(&cluster, "wheels", WHEELS);
     let wheels = cluster.expect_leaf("main/wheels");
     wheels.signal(Signal::STOP);
+    // This command dials the program too, for its signals. The mission continues without it.
+    deploy.kill();
     // The list shows a connection that is not yet accepted under the name of the socket.
     let folder = here.run_dir().display().to_string();
     let dialled = || {
