@@ -252,11 +252,14 @@ fn python_interfaces(spec: &Source, others: &[Source]) -> Vec<Source> {
     let mut asked: Vec<(String, Environment, Result<(), String>)> = Vec::new();
     let mut interfaces = Vec::new();
     for module in language::asked(&texts) {
-        let command = module.exec.strip_suffix(&module.name).unwrap_or(&module.exec).trim_end().to_owned();
+        let command = module.command().to_owned();
         let known = asked.iter().find(|(other, of, _)| *other == command && *of == module.environment);
         let answered = known.map(|(.., answered)| answered.clone()).unwrap_or_else(|| {
             let answered = programs::interfaces_of(&module).map_err(|error| error.to_string());
-            let told = answered.map(|text| interfaces.push(Source::new(command.clone(), text)));
+            let told = answered.map(|text| {
+                let name = command.clone();
+                interfaces.push(Source { name, text, role: Role::Python });
+            });
             asked.push((command, module.environment.clone(), told.clone()));
             told
         });

@@ -106,7 +106,8 @@ fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -
         omitted += more;
         damage.sort_unstable();
         let is_part = origin == Origin::Spec || source.role == Role::Part;
-        let tree = Tree { root: ast::Node::new(root, origin), origin, is_part, damage };
+        let python = source.python();
+        let tree = Tree { root: ast::Node::new(root, origin), origin, is_part, python, damage };
         declare.constants(&tree);
         files.check(&tree.root, &source.name, declare.diagnostics);
         declare.diagnostics.extend(diagnostics);

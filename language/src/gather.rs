@@ -225,7 +225,7 @@ mod tests {
         parts
             .into_iter()
             .map(|part| match part.role {
-                Role::Part | Role::Whole => part.name,
+                Role::Part | Role::Whole | Role::Python => part.name,
                 Role::Folder(paths) => format!("{}: {}", part.name, paths.join(" ")),
                 Role::Missing(why) => format!("{}! {why}", part.name),
             })

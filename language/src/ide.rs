@@ -134,7 +134,7 @@ impl Analysis {
         let path = crate::gather::resolve(&self.spec.name, &used.text);
         let first = self.others.iter().find_map(|other| match &other.role {
             Role::Folder(paths) if other.name == path => paths.first(),
-            Role::Folder(_) | Role::Part | Role::Whole | Role::Missing(_) => None,
+            Role::Folder(_) | Role::Part | Role::Whole | Role::Python | Role::Missing(_) => None,
         });
         let path = first.unwrap_or(&path);
         let place = self.others.iter().position(|other| other.name == *path && other.role == Role::Part)?;

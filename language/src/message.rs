@@ -50,6 +50,19 @@ pub struct AskedModule {
     pub environment: Environment,
 }
 
+impl AskedModule {
+    /// Returns how the program is started, without the name of the module. It is the name of the source with the
+    /// interfaces that the program prints.
+    pub fn command(&self) -> &str {
+        command_of(&self.exec, &self.name)
+    }
+}
+
+/// Returns an `exec` without the name of its module, which is the last argument.
+pub(crate) fn command_of<'a>(exec: &'a str, module: &str) -> &'a str {
+    exec.strip_suffix(module).unwrap_or(exec).trim_end()
+}
+
 /// A record type that texts declare. Programs in other languages need it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordType {

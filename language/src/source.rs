@@ -23,6 +23,9 @@ pub struct Source {
 pub enum Role {
     /// The spec itself, or the interfaces that a program prints.
     Whole,
+    /// The interfaces that a program in Python prints. The name is the `exec` of its modules, without their own names. Only these modules
+    /// have these interfaces.
+    Python,
     /// A file that the spec uses, directly or through other files.
     Part,
     /// A folder that the spec uses, with the names of its specs. Each of them is a part. The text of this source is empty.
@@ -36,6 +39,11 @@ impl Source {
     /// Returns a source that diagnostics call `name`.
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Self {
         Self { name: name.into(), text: text.into(), role: Role::Whole }
+    }
+
+    /// Returns the command of the program in Python that has printed this text.
+    pub(crate) fn python(&self) -> Option<String> {
+        (self.role == Role::Python).then(|| self.name.clone())
     }
 }
 

@@ -36,6 +36,8 @@ pub(super) struct Tree {
     pub(super) origin: Origin,
     /// Whether the text is the spec or a file that the spec uses. It is `false` for interfaces.
     pub(super) is_part: bool,
+    /// The command of the program in Python that has printed the text.
+    pub(super) python: Option<String>,
     /// The places where the text could not be read, in order.
     pub(super) damage: Vec<Span>,
 }
@@ -85,7 +87,7 @@ impl ItemCollector<'_> {
                 }
             } else if item.kind() == SyntaxKind::Module {
                 if let Some(module) = module::module(&item, damage, &mut self.reader()) {
-                    self.add_module(module, tree.origin);
+                    self.add_module(module, tree);
                 }
             } else if item.kind() == SyntaxKind::Process {
                 if !tree.is_part {
@@ -116,16 +118,21 @@ impl ItemCollector<'_> {
     }
 
     /// Interfaces in the spec have precedence over the interfaces of programs. Of two programs with the same module,
-    /// the first is used.
-    fn add_module(&mut self, module: super::spec::Module, origin: Origin) {
+    /// the first is used. A module with a program in Python has the interface that this program prints, and no other one.
+    fn add_module(&mut self, module: super::spec::Module, tree: &Tree) {
+        let origin = tree.origin;
+        let asked = self.spec.module_names.get(&module.name.text).map(|&first| &mut self.spec.modules[first]);
+        match (asked.filter(|module| module.is_asked), &tree.python) {
+            (Some(asked), Some(command)) if asked.is_run_by(command) => return asked.take_interface(module),
+            (Some(_), None) if tree.is_part => {}
+            (Some(_), None) | (_, Some(_)) => return,
+            (None, None) => {}
+        }
         let Some(&first) = self.spec.module_names.get(&module.name.text) else {
             self.spec.module_names.insert(module.name.text.clone(), self.spec.modules.len());
             self.spec.modules.push(module);
             return;
         };
-        if origin != Origin::Spec && self.spec.modules[first].is_asked {
-            return self.spec.modules[first].take_interface(module);
-        }
         let first = self.spec.modules[first].name.span;
         if origin == Origin::Spec {
             self.diagnostics.push(twice("module", &module.name.text, module.name.span, first));

@@ -139,7 +139,8 @@ fn read(interfaces: &[Source]) -> Spec {
     for (origin, source) in (0..).map(Origin::Interface).zip(interfaces) {
         let Parse { root, mut damage, .. } = parse(source, origin);
         damage.sort_unstable();
-        let tree = Tree { root: ast::Node::new(root, origin), origin, is_part: false, damage };
+        let python = source.python();
+        let tree = Tree { root: ast::Node::new(root, origin), origin, is_part: false, python, damage };
         let mut collector = ItemCollector { spec: &mut spec, diagnostics: &mut diagnostics };
         collector.constants(&tree);
         collector.items(&tree, &Templates::default());

@@ -15,7 +15,7 @@ pub(super) struct Files<'a> {
 
 impl<'a> Files<'a> {
     pub(super) fn new(spec: &Source, others: &'a [Source]) -> Self {
-        let files = others.iter().filter(|other| other.role != Role::Whole);
+        let files = others.iter().filter(|other| !matches!(other.role, Role::Whole | Role::Python));
         let roles = files.map(|file| (file.name.as_str(), &file.role)).collect();
         Self { spec: normal(&spec.name), roles }
     }
@@ -25,7 +25,7 @@ impl<'a> Files<'a> {
         for used in uses(file) {
             let path = resolve(user, &used.text);
             match self.roles.get(path.as_str()) {
-                Some(Role::Part | Role::Whole) => {}
+                Some(Role::Part | Role::Whole | Role::Python) => {}
                 Some(Role::Missing(why)) => {
                     let help = format!("a path is relative to the file that it is written in: `{path}`");
                     diagnostics.push(unreadable(&used, &used.text, why).help(help));

@@ -7,6 +7,7 @@ use super::module::STOP_WITHIN;
 use crate::check::spec::Module;
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
+use crate::message::command_of;
 use crate::plan::LeafKind;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Exec, Python, Text, Venv};
@@ -61,6 +62,11 @@ pub(super) fn word(text: &str) -> Option<String> {
 }
 
 impl Module {
+    /// Returns whether the module's program is started by this command, followed by the name of the module.
+    pub(super) fn is_run_by(&self, of: &str) -> bool {
+        self.exec.as_ref().is_some_and(|exec| command_of(exec, &self.name.text) == of)
+    }
+
     /// Takes over the interface that the program prints. Statements of the spec about the program stay.
     pub(super) fn take_interface(&mut self, told: Self) {
         let Self { params, host, start, ports, is_service, has_end, remembers, outcomes, times, is_damaged, .. } = told;
@@ -80,7 +86,7 @@ impl Module {
 #[cfg(test)]
 mod tests {
     use crate::plan::Plan;
-    use crate::source::Source;
+    use crate::source::{Role, Source};
     use crate::{AskedModule, Options, asked, compile};
 
     const INTERFACE: &str = "type Range = { distance: Length };
@@ -92,10 +98,17 @@ mod tests {
             "{module}\nprocess main(){{ host{{c1}} instantiated_processes{{ keep instof Keep(c1, reach = 40 cm); }}
              internal_event_actions{{ keep }} }}"
         );
-        let compiled = compile(&Source::new("a.dca", text), &[Source::new("keep.py", interface)], &Options::named("a"));
+        let controllers = Source::new("dca-controller", "module Keep(host: Host, other: Number) { done; }");
+        let python = |name: &str, text: &str| Source { role: Role::Python, ..Source::new(name, text) };
+        let other =
+            python("python3 'other.py'", "module Keep(host: Host) { done; } module Other(host: Host) { done; }");
+        let command = asked(&[Source::new("a.dca", text.clone())]).first().map(|keep| keep.command().to_owned());
+        let own = python(&command.unwrap_or_default(), interface);
+        let compiled = compile(&Source::new("a.dca", text), &[controllers, other, own], &Options::named("a"));
         (compiled.plan, compiled.diagnostics.iter().map(|found| format!("{}: {}", found.code, found.message)).collect())
     }
 
+    /// Other programs may have a type with the same name.
     #[test]
     fn a_program_in_python_says_what_its_interface_is() {
         let (plan, found) = compiled("module Keep { python \"keep.py\"; venv \"my robot/.venv/\"; }", INTERFACE);

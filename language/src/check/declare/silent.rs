@@ -12,7 +12,7 @@ pub(crate) fn check(spec: &Spec, interfaces: &[Source], diagnostics: &mut Diagno
     let failed = |command: &str| {
         interfaces.iter().find_map(|source| match &source.role {
             Role::Missing(why) if source.name == command => Some(why.as_str()),
-            Role::Whole | Role::Part | Role::Folder(_) | Role::Missing(_) => None,
+            Role::Whole | Role::Python | Role::Part | Role::Folder(_) | Role::Missing(_) => None,
         })
     };
     for instance in spec.processes.iter().flat_map(|process| &process.instances) {
