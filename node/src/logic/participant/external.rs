@@ -79,7 +79,9 @@ impl<'a> Wanted<'a> {
         if found.module != *module {
             return Err(format!("{external} is a `{}`, not a `{module}`", found.module));
         }
-        if let Some(known) = programs.exports(module)
+        // A program of its own may have a type of the same name as a program that this host offers.
+        if found.exec.is_none()
+            && let Some(known) = programs.exports(module)
             && let Some(missing) = exports.iter().find(|export| !known.contains_key(**export))
         {
             return Err(format!("{external} has no `{missing}`: it runs another version of `{module}`"));
