@@ -36,6 +36,11 @@ pub fn check_executable(command: &[String], environment: &Environment) -> io::Re
         let why = match found.first().map(|file| file.metadata()) {
             Some(Ok(metadata)) if metadata.is_dir() => format!("`{name}` is a folder, not a program"),
             Some(Ok(_)) => format!("`{name}` is not a regular file, so it is not a program"),
+            Some(Err(_)) if Path::new(name).is_relative() => {
+                let folder =
+                    std::path::absolute(directory).or_else(|_empty| std::env::current_dir()).unwrap_or_default();
+                format!("no program is at `{name}` in `{}`, where it would run", folder.display())
+            }
             Some(Err(_)) | None => format!("there is no program `{name}`"),
         };
         return Err(io::Error::new(io::ErrorKind::NotFound, why));
@@ -240,6 +245,8 @@ mod tests {
             let elsewhere = check_executable(&command, &Environment::default()).is_ok();
             assert_eq!(elsewhere, !name.contains("alone"), "{name}");
         }
+        let why = check_executable(&["./absent".to_owned()], &module).unwrap_err().to_string();
+        assert_eq!(why, format!("no program is at `./absent` in `{}`, where it would run", folder.display()));
         fs::remove_dir_all(&folder).unwrap();
     }
 }
