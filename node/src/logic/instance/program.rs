@@ -294,10 +294,17 @@ impl Instance {
     /// Returns why a program that has ended before its links were up cannot take part, with the last lines of its
     /// output. A program that has exited with a single line has given the reason there.
     fn refusal(&self, cause: &FailureCause) -> String {
-        let said = if let FailureCause::Exec(why) = cause { why.clone() } else { cause.to_string() };
+        let mut said = if let FailureCause::Exec(why) = cause { why.clone() } else { cause.to_string() };
+        let may_be_plain =
+            self.is_controller() && matches!(cause, FailureCause::Exit(0) | FailureCause::StartTimeout(_));
+        if may_be_plain {
+            said += "; if it is a program that does not use DCA, its module needs `plain;`";
+        }
         match &self.program.output[..] {
             [] => said,
-            [words] if matches!(cause, FailureCause::Exit(_) | FailureCause::Signal(_)) => words.clone(),
+            [words] if !may_be_plain && matches!(cause, FailureCause::Exit(_) | FailureCause::Signal(_)) => {
+                words.clone()
+            }
             lines => format!("{said}; the end of its output:\n{}", lines.join("\n")),
         }
     }

@@ -41,6 +41,7 @@ process main() { host { "c1" } instantiated_processes { s instof Step("c1"); } i
         world.run_for(Duration::from_secs(30 + within));
         let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
         let mut expected = format!("`main/s` cannot take part on `c1`: it was not ready within {within} s");
+        expected += "; if it is a program that does not use DCA, its module needs `plain;`";
         if !output.is_empty() {
             expected += &format!("; the end of its output:\n{}", output.join("\n"));
         }
