@@ -146,7 +146,7 @@ pub(crate) fn load(
     if errors + warnings > 0 {
         let at_least = if omitted > 0 { "at least " } else { "" };
         let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
-        console::note(&format!("{}: {at_least}{errors}, {warnings}", spec.name));
+        console::note(&format!("\n{}: {at_least}{errors}, {warnings}", spec.name));
     }
     if diagnostics.iter().any(|diagnostic| diagnostic.code == Code::W0205)
         && programs::chosen(&controllers.programs).is_empty()
