@@ -151,6 +151,9 @@ fn end_of(module: &Module) -> &'static str {
         (true, _, _) => "A *service*: it never ends by itself, so `,` does not wait for it.",
         (false, true, _) => "A *task*: it ends by itself.",
         (false, false, LeafKind::Plain) => "A plain program: done when it exits with 0.",
+        (false, false, LeafKind::Controller) if module.is_asked => {
+            "Its program in Python has its interface. `dca check` asks the program; an editor does not start it."
+        }
         (false, false, LeafKind::Controller) => "Taken as a *task*: its interface does not say whether it ends.",
     }
 }
