@@ -66,7 +66,8 @@ struct Signed {
 impl Heads {
     /// Signs the position of another node's log, which that node has signed as `told`. If this member has already signed the same
     /// position, the existing head is returned. Returns the head, and whether it is new. The node's latest own head is stored as well,
-    /// and earlier ones are refused. So an old copy of a head does not make the log look cut off.
+    /// and copies of earlier ones are refused. So an old copy of a head does not make the log look cut off. A log that has grown is
+    /// always signed: the clock of its node may have been ahead, and set right since.
     ///
     /// # Errors
     /// If this member has signed a contradicting state of that log, the node has signed a later head, or the table is full.
@@ -79,9 +80,9 @@ impl Heads {
         keys: &SecretKeys,
     ) -> Result<(Head, bool), HeadError> {
         let position = told.position();
-        let order = |head: &Head| (head.at(), head.position().number);
-        let latest = self.0.get(&(position.log, told.by())).and_then(|signed| signed.heads.last());
-        if latest.is_some_and(|latest| order(told) < order(latest)) {
+        let own = self.0.get(&(position.log, told.by())).map_or(&[][..], |signed| &signed.heads);
+        let is_copy = |latest: &Head| told.at() <= latest.at() || own.contains(told);
+        if own.last().is_some_and(|latest| position.number < latest.position().number && is_copy(latest)) {
             return Err(HeadError::Old);
         }
         let pair = (position.log, keys.public().id());

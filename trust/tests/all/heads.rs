@@ -67,6 +67,25 @@ fn a_head_that_is_sent_again_is_no_sign_of_a_cut() {
     assert_eq!(sign(&mut read, &cut), Err(HeadError::Cut { found: 1, signed: 2 }));
 }
 
+/// A node signs a head while its clock is ahead. With the right clock, its log is signed again after the next record, and a cut is
+/// found.
+#[test]
+fn signing_goes_on_after_a_clock_was_ahead() {
+    let (member, names) = (keys(5), [name("r1"), name("r2")]);
+    let (mut log, _) = Log::begin(TEAM, NODE, None);
+    let mut heads = Heads::default();
+    let sign = |heads: &mut Heads, head: &Head| heads.countersign(head, &names[0], NOW, &names[1], &member);
+    add(&mut log, "one");
+    let early = log;
+    add(&mut log, "two");
+    let ahead = told(&log, NOW.plus(10 * 86_400));
+    assert!(sign(&mut heads, &ahead).unwrap().1);
+    add(&mut log, "three");
+    assert!(sign(&mut heads, &told(&log, NOW.plus(100))).unwrap().1, "it has grown");
+    assert_eq!(sign(&mut heads, &ahead), Err(HeadError::Old), "a copy");
+    assert_eq!(sign(&mut heads, &told(&early, NOW.plus(200))), Err(HeadError::Cut { found: 1, signed: 3 }));
+}
+
 /// Old heads are kept, so a log that was rewritten and has grown since is detected.
 #[test]
 fn some_heads_of_all_times_are_kept() {
