@@ -114,6 +114,8 @@ struct Worker {
     check_at: Time,
     /// The reason why the store could not be opened, as it was last reported.
     told: Option<String>,
+    /// How many writes have failed since the last one that succeeded. Only the first failure is logged.
+    failures: u64,
     /// Publishes the settings under the robot's own keys.
     settings: watch::Sender<Settings>,
 }
@@ -149,6 +151,7 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Databa
         reopen_at,
         check_at,
         told: unwritable,
+        failures: 0,
         settings,
     };
     closed.into_iter().for_each(|effect| worker.do_one(effect));
@@ -261,6 +264,9 @@ impl Worker {
         for arrival in arrivals {
             inputs.push(match arrival {
                 Arrival::Call(call, question, sink) => {
+                    if sink.is_some() {
+                        self.reopen_at = clock::now();
+                    }
                     sink.into_iter().for_each(|caller| self.receivers.call(call, caller));
                     Input::Call(call, question)
                 }
@@ -300,6 +306,9 @@ impl Worker {
                 return self.fail(&error, durable, rest);
             }
             self.arrivals.synced(clock::now().since(began));
+            if std::mem::take(&mut self.failures) > 1 {
+                tracing::info!("the store of the database can be written again");
+            }
         }
         rest.into_iter().for_each(|effect| self.do_one(effect));
     }
@@ -330,10 +339,14 @@ impl Worker {
         }
     }
 
-    /// Handles a failure of the disk. Nothing of this turn is valid.
+    /// Handles a failure of the disk. Nothing of this turn is valid. Other robots repeat their writes, so after a second failure the
+    /// store stays closed for a while, unless a user needs it.
     fn fail(&mut self, error: &anyhow::Error, durable: Durable, rest: Vec<Effect>) {
-        self.reopen_at = clock::now();
-        let effects = self.machine.fail(&words(error), durable, rest);
+        self.failures += 1;
+        let is_first = self.failures == 1;
+        self.reopen_at = if is_first { clock::now() } else { clock::now() + REOPEN_AFTER };
+        let mut effects = self.machine.fail(&words(error), durable, rest);
+        effects.retain(|effect| is_first || !matches!(effect, Effect::Alarm(_)));
         effects.into_iter().for_each(|effect| self.do_one(effect));
     }
 
@@ -358,7 +371,9 @@ impl Worker {
             Ok(replica) => {
                 self.told = None;
                 self.machine.reopen(notary::signed(replica, self.member.as_ref()));
-                tracing::info!("the store of the database is open again");
+                if self.failures <= 1 {
+                    tracing::info!("the store of the database is open again");
+                }
             }
             Err(error) => {
                 let why = words(&error);

@@ -12,10 +12,10 @@ use dbmanager::logic::state::Version;
 use dbmanager::logic::txn::Write;
 use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::value::Datum;
-use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
+use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, wait_until};
 use node::logic::database::question::{AckLevel, AsOf, Commit, Question, Reply, Status};
 use node::logic::protocol::{Answer, Request};
-use rustix::process::{Signal, getuid};
+use rustix::process::{Pid, Resource, Rlimit, Signal, getuid, prlimit};
 use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::runtime::Runtime;
@@ -243,6 +243,29 @@ fn three_robots_agree_after_each_was_alone() {
         assert_eq!(robots.db(number, &["conflicts"]), "no conflicts\n");
         assert_eq!(robots.db(number, &["get", "team/shared"]), "\"r1\"\n");
     }
+}
+
+/// The disk of a robot is full, and another robot repeats its write. The log tells this only once. When there is room, the robot gets
+/// the write.
+#[test]
+fn a_full_disk_is_told_once_while_others_write() {
+    let Some(robots) = Robots::start(&[]) else { return };
+    robots.db(1, &["found"]);
+    robots.expect_agreement(3);
+    // For a node with a file size limit, the kernel behaves as with a full disk.
+    let limit = |bytes: Option<u64>| {
+        let pid = Pid::from_raw(robots.nodes[1].pid().try_into().expect("a process id is positive"));
+        prlimit(pid, Resource::Fsize, Rlimit { current: bytes, maximum: None }).expect("the process is ours");
+    };
+    limit(Some(0));
+    robots.ways[0].write(&[("team/while", "r1")]).expect("its own disk has room");
+    let lines = || robots.nodes[1].text(Stream::Err).lines().filter(|line| line.contains("store")).count();
+    assert!(wait_until(SOON, || lines() > 0).is_some(), "the full disk is told");
+    let is_repeated = wait_until(Duration::from_secs(3), || lines() > 4);
+    assert!(is_repeated.is_none(), "{}", robots.nodes[1].text(Stream::Err));
+    limit(None);
+    robots.expect_agreement(3);
+    assert_eq!(robots.db(2, &["get", "team/while"]), "\"r1\"\n");
 }
 
 /// Two robots that never meet get each other's data through a third robot. If only one robot writes a key, every
