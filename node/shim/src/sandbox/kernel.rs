@@ -9,9 +9,25 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The program may not write, make or remove anything there. The same applies to the folders of
-/// control groups, because a process that can move itself to another group has no limits. Each
+/// control groups, because a process that can move itself to another group has no limits, and to the files that
+/// configure the kernel, because some of them name a program that the kernel starts as root. Each
 /// other folder of the root stays unchanged.
-const OF_THE_SYSTEM: [&str; 9] = ["bin", "boot", "etc", "lib", "lib32", "lib64", "libx32", "sbin", "usr"];
+const OF_THE_SYSTEM: [&str; 14] = [
+    "bin",
+    "boot",
+    "etc",
+    "lib",
+    "lib32",
+    "lib64",
+    "libx32",
+    "proc",
+    "sbin",
+    "sys/firmware",
+    "sys/kernel",
+    "sys/module",
+    "sys/power",
+    "usr",
+];
 /// The handled rights: to write, make, remove, move and cut files. Source: landlock(7), ABI 3, Linux 6.2; earlier
 /// kernels handle a part of them.
 const WRITES: ABI = ABI::V3;

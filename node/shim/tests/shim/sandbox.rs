@@ -88,8 +88,8 @@ fn levels() -> String {
     String::from_utf8(said.stdout).unwrap()
 }
 
-/// Root without capabilities still owns the files of the system, and may make user namespaces: in the sandbox neither
-/// is possible.
+/// Root without capabilities still owns the files of the system and the settings of the kernel, and may make user namespaces: in the
+/// sandbox none of this is possible. The setting is replaced by itself.
 #[test]
 fn what_the_kernel_offers_is_taken_too() {
     if !getuid().is_root() {
@@ -98,6 +98,8 @@ fn what_the_kernel_offers_is_taken_too() {
     }
     let found = levels();
     let script = "touch $OWN/here && (touch /etc/dca-shim-test) 2> /dev/null && rm /etc/dca-shim-test && echo landlock; \
+        setting=/proc/sys/kernel/core_pattern; value=$(cat $setting); \
+        (echo \"$value\" > $setting) 2> /dev/null && echo setting; \
         unshare --user true 2> /dev/null && echo seccomp; cat /etc/passwd > /dev/null; true";
     let confine = |level| {
         let shim = Shim::start_with(|start| {
@@ -111,11 +113,15 @@ fn what_the_kernel_offers_is_taken_too() {
     };
     let free = confine(SandboxLevel::None);
     let confined = confine(SandboxLevel::Standard);
-    for (word, what) in [("landlock", "a file of the system is made"), ("seccomp", "a namespace is made")] {
-        if found.contains(word) && free.contains(word) {
+    for (level, word, what) in [
+        ("landlock", "landlock", "a file of the system is made"),
+        ("landlock", "setting", "a setting of the kernel is changed"),
+        ("seccomp", "seccomp", "a namespace is made"),
+    ] {
+        if found.contains(level) && free.contains(word) {
             assert!(!confined.contains(word), "{what}: {confined}");
         } else {
-            println!("skipped: no {word} here, or nothing that it takes: {found}; {free}");
+            println!("skipped: no {level} here, or nothing that it takes: {found}; {free}");
         }
     }
 }
