@@ -25,9 +25,9 @@ impl Shown for LockStatus {
                 seconds(lock.left),
                 seconds(Some(lock.lease)),
                 if lock.waiting.is_empty() { "-".to_owned() } else { lock.waiting.join(", ") },
-                lock.grants.to_string(),
-                lock.expired.to_string(),
-                lock.preempted.to_string(),
+                lock.counters.grants.to_string(),
+                lock.counters.expired.to_string(),
+                lock.counters.preempted.to_string(),
             ];
             lines.push(cells.map(|cell| printable(&cell).to_string()).to_vec());
         }
@@ -41,9 +41,9 @@ impl Shown for LockStatus {
             "left": self.left.map(|left| left.as_secs_f64()),
             "lease": self.lease.as_secs_f64(),
             "waiting": self.waiting,
-            "granted": self.grants,
-            "expired": self.expired,
-            "preempted": self.preempted,
+            "granted": self.counters.grants,
+            "expired": self.counters.expired,
+            "preempted": self.counters.preempted,
         })
     }
 }
@@ -51,6 +51,7 @@ impl Shown for LockStatus {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use comms::logic::messaging::wire::LockCounters;
 
     #[test]
     fn locks_are_shown() {
@@ -60,9 +61,7 @@ mod tests {
             left: Some(Duration::from_millis(300)),
             lease: Duration::from_millis(600),
             waiting: vec!["drive".into(), "clean".into()],
-            grants: 4,
-            expired: 1,
-            preempted: 2,
+            counters: LockCounters { grants: 4, expired: 1, preempted: 2 },
         };
         let free = LockStatus { holder: None, fence: None, left: None, waiting: vec![], ..held.clone() };
         let row = |lock: &LockStatus| ("d:main/hw".to_owned(), "lock".to_owned(), lock.clone());

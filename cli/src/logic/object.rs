@@ -246,6 +246,7 @@ fn fields<T: Shown + DeserializeOwned>(bytes: &[u8]) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use comms::logic::messaging::wire::LockCounters;
     use comms::logic::object::{Access, ExportKind, Exported};
 
     fn exports(arguments: &[(&str, &str)]) -> Exports {
@@ -368,9 +369,7 @@ mod tests {
             left: None,
             lease: Duration::from_millis(600),
             waiting: vec![],
-            grants: 1,
-            expired: 0,
-            preempted: 0,
+            counters: LockCounters { grants: 1, ..LockCounters::default() },
         };
         let signature = Signature { result: TypeForm::new("LockStatus", ""), ..Signature::default() };
         let bytes = postcard::to_allocvec(&lock).unwrap();

@@ -16,7 +16,7 @@ pub use comms::logic::messaging::lock::LockSettings;
 pub use comms::logic::messaging::queue::{Full, QueueCounters, Receipt, Rejected};
 pub use comms::logic::messaging::router::{Filter, Gone};
 pub use comms::logic::messaging::wire::{
-    Denied, LockAnswer, LockRequest, LockStatus, QueueStatus, RouterRefusal, RouterStatus,
+    Denied, LockAnswer, LockCounters, LockRequest, LockStatus, QueueStatus, RouterRefusal, RouterStatus,
 };
 
 pub use lock::{Lock, LockUser};

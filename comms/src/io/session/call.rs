@@ -7,6 +7,7 @@
 //! callers do not see. A stream that is silent for too long ends with an error.
 
 mod error;
+mod window;
 
 pub use error::CallError;
 
@@ -17,7 +18,6 @@ use super::proof::Author;
 use super::serve::REFUSED;
 use super::stream::{End, Incoming, Piece, Pull, Silence, StreamId};
 use crate::io::{clock, entropy};
-use crate::logic::pace::Pace;
 use crate::logic::time::Time;
 use crate::logic::{codec, key};
 use std::fmt;
@@ -27,6 +27,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::task::{Context, Waker};
 use std::time::Duration;
 use tokio::sync::oneshot;
+use window::Window;
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
 use zenoh::cancellation::CancellationToken;
@@ -39,14 +40,8 @@ use zenoh::query::{ConsolidationMode, QueryTarget, Reply, ReplyError};
 /// Zenoh keeps half a kilobyte for each query until its limit is over, even if the query is answered. So a long limit is a
 /// leak.
 const PULL_TIMEOUT: Duration = Duration::from_secs(60);
-/// How many bytes of answers may be in transit to one session, over all its streams. The buffers of a link to a suspended
-/// program hold this many, so other messages through the same nodes are not blocked. Source: the 208 KiB that Linux gives a
-/// Unix socket (`net.core.wmem_default`), less a part for other messages.
-const ON_THE_WAY_MAX: usize = 128 << 10;
 /// How long zenoh keeps the query that tells a server that a stream has no reader any more.
 const LEAVE_TIMEOUT: Duration = Duration::from_secs(1);
-/// The fewest bytes that a stream asks for.
-const PIECE_SIZE_MIN: usize = 1 << 10;
 
 /// The sender of the answer to a question, with the time of the answer. It is taken once the question is answered, given up
 /// or closed.
@@ -112,15 +107,11 @@ pub struct Replies {
     server: String,
     session: zenoh::Session,
     stream: StreamId,
-    streams: Arc<AtomicUsize>,
     /// In a team, the node that has to answer.
     expect: Option<Arc<Expect>>,
-    silence_max: Duration,
     silence: Silence,
     incoming: Incoming,
-    pace: Pace,
-    /// The most bytes of the requested piece.
-    size: usize,
+    window: Window,
     asked: Option<PendingCall>,
     state: Stream,
 }
@@ -205,23 +196,18 @@ impl Session {
     /// If the session is closed. A missing server is an error in the stream.
     pub fn call_stream(&self, key: &str, payload: Vec<u8>, silence_max: Duration) -> Result<Replies, CallError> {
         let number = self.calls.made.fetch_add(1, Ordering::Relaxed);
-        let streams = Arc::clone(&self.calls.open);
         let stream = StreamId { session: self.id(), number };
         let expected = self.authenticator.as_ref();
         let expect = expected.map(|authenticator| Expect::new(authenticator, key, &stream.nonce(), &payload));
-        streams.fetch_add(1, Ordering::Relaxed);
         let mut replies = Replies {
             key: key::without_session(key).to_owned(),
             server: key.to_owned(),
             session: self.opened.session.clone(),
             stream,
-            streams,
             expect,
-            silence_max,
-            silence: Silence::begin(clock::now()),
+            silence: Silence::begin(clock::now(), silence_max),
             incoming: Incoming::default(),
-            pace: Pace::default(),
-            size: 0,
+            window: Window::open(&self.calls.open),
             asked: None,
             state: Stream::Silent,
         };
@@ -340,8 +326,8 @@ impl Replies {
             // An answer that has already arrived is taken, even if it is late.
             biased;
             answer = &mut asked.answer => answer,
-            () = over(&mut self.silence, self.silence_max) => {
-                return Err(CallError::Silent { key: self.key.clone(), silent: self.silence_max });
+            () = over(&mut self.silence) => {
+                return Err(CallError::Silent { key: self.key.clone(), silent: self.silence.max() });
             }
         };
         let reply = match answer {
@@ -361,8 +347,8 @@ impl Replies {
         let piece: Piece =
             codec::decode(&sample.payload().to_bytes()).map_err(|error| self.broken(&error.to_string()))?;
         self.state = Stream::Flowing;
-        if piece.was_ready && piece.bytes.len() == self.size {
-            self.pace.arrived(self.size, took);
+        if piece.was_ready {
+            self.window.arrived(piece.bytes.len(), took);
         }
         let is_last = piece.end.is_some();
         self.incoming.take(piece);
@@ -371,15 +357,13 @@ impl Replies {
 
     /// Requests the next piece. The request for the first piece also carries the call itself.
     fn pull(&mut self, first: Option<Vec<u8>>) -> Result<(), CallError> {
-        let share = ON_THE_WAY_MAX / self.streams.load(Ordering::Relaxed).max(1);
-        self.size = self.pace.chunk().min(share.max(PIECE_SIZE_MIN));
-        let (stream, size) = (self.stream.clone(), u32::try_from(self.size).unwrap_or(u32::MAX));
+        let (stream, size) = (self.stream.clone(), self.window.next());
         let pull = if first.is_some() { Pull::First { stream, size } } else { Pull::Next { stream, size } };
         let payload = first.unwrap_or_default();
         let options = AskOptions { pull: Some(pull), expect: self.expect.clone() };
-        let within = PULL_TIMEOUT.max(4 * self.silence_max);
+        let within = PULL_TIMEOUT.max(4 * self.silence.max());
         self.asked = Some(ask(&self.session, &self.server, payload, options, within)?);
-        self.silence = Silence::begin(clock::now());
+        self.silence.restart(clock::now());
         Ok(())
     }
 
@@ -405,7 +389,6 @@ impl Replies {
 
 impl Drop for Replies {
     fn drop(&mut self) {
-        self.streams.fetch_sub(1, Ordering::Relaxed);
         if self.state == Stream::Ended && self.incoming.end().is_some() {
             return;
         }
@@ -419,12 +402,12 @@ impl Drop for Replies {
     }
 }
 
-/// Waits until the server has been silent for `silence_max`.
+/// Waits until the server has been silent for too long.
 ///
 /// # Cancellation
 /// Safe.
-async fn over(silence: &mut Silence, silence_max: Duration) {
-    while let Some(at) = silence.look(clock::now(), silence_max) {
+async fn over(silence: &mut Silence) {
+    while let Some(at) = silence.look(clock::now()) {
         clock::sleep_until(at).await;
     }
 }

@@ -210,21 +210,33 @@ impl Incoming {
 pub(super) struct Silence {
     lasted: Duration,
     until: Time,
+    /// How long it may last.
+    max: Duration,
 }
 
 impl Silence {
-    /// Returns a silence that begins at `now`.
-    pub(super) fn begin(now: Time) -> Self {
-        Self { lasted: Duration::ZERO, until: now }
+    /// Returns a silence that begins at `now` and may last for `max`.
+    pub(super) const fn begin(now: Time, max: Duration) -> Self {
+        Self { lasted: Duration::ZERO, until: now, max }
+    }
+
+    /// Returns how long the silence may last.
+    pub(super) const fn max(&self) -> Duration {
+        self.max
+    }
+
+    /// Begins again.
+    pub(super) const fn restart(&mut self, now: Time) {
+        *self = Self::begin(now, self.max);
     }
 
     /// Adds the time since the last call, but at most two steps: a call that comes much later than planned shows that
-    /// the program was not running. Returns when to call this again, or none when the silence has lasted for `max`.
-    pub(super) fn look(&mut self, now: Time, max: Duration) -> Option<Time> {
-        let step = max / SILENCE_STEPS;
+    /// the program was not running. Returns when to call this again, or none when the silence has lasted for too long.
+    pub(super) fn look(&mut self, now: Time) -> Option<Time> {
+        let step = self.max / SILENCE_STEPS;
         self.lasted += (now - self.until).min(2 * step);
         self.until = now;
-        let left = max.checked_sub(self.lasted).filter(|left| !left.is_zero())?;
+        let left = self.max.checked_sub(self.lasted).filter(|left| !left.is_zero())?;
         Some(now + left.min(step))
     }
 }
@@ -306,8 +318,8 @@ mod tests {
     fn a_silence_lasts_while_somebody_listens() {
         let (at, max) = (|ms| Time::from_nanos(ms * 1_000_000), Duration::from_secs(8));
         let looked = |looks: &[u64]| {
-            let mut silence = Silence::begin(at(0));
-            looks.iter().take_while(|ms| silence.look(at(**ms), max).is_some()).count()
+            let mut silence = Silence::begin(at(0), max);
+            looks.iter().take_while(|ms| silence.look(at(**ms)).is_some()).count()
         };
         let each: Vec<u64> = (1..=20).map(|second| second * 1000).collect();
         assert_eq!(looked(&each), 7, "the eighth look is the last");

@@ -10,16 +10,17 @@
 //! it is granted ([`LockEffect::Persist`]). A restarted server grants nothing for the time of one lease, since it does
 //! not know which client held the lock.
 
+mod numbers;
+
 use super::fencing::{FencingCheck, Refusal};
 use super::header::count;
-use super::wire::{Denied, LockAnswer, LockRequest, LockStatus};
+use super::wire::{Denied, LockAnswer, LockCounters, LockRequest, LockStatus};
 use crate::logic::time::Time;
+use numbers::FencingNumbers;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How many numbers are reserved on the disk at once.
-const RESERVED: u64 = 64;
 /// The client number of a program that only asks for the status. No other client has this number.
 pub const NOBODY: u64 = 0;
 /// For how many clients the lock remembers their last ended request.
@@ -66,12 +67,7 @@ pub enum LockEffect {
 pub struct ResourceLock {
     settings: LockSettings,
     fencing: FencingCheck,
-    /// The next fencing number.
-    next: u64,
-    /// The first number that may not be granted yet.
-    reserved: u64,
-    /// Whether a reservation is being written to the disk.
-    is_persisting: bool,
+    numbers: FencingNumbers,
     /// Nothing is granted before this time.
     quarantine: Time,
     holder: Option<Holder>,
@@ -80,9 +76,7 @@ pub struct ResourceLock {
     arrival: u64,
     /// For each client, its last ended request, the reason, and the time when it ended.
     ended: BTreeMap<u64, (u64, Denied, Time)>,
-    grants: u64,
-    expired: u64,
-    preempted: u64,
+    counters: LockCounters,
     #[cfg(test)]
     pub(super) fault: Option<Fault>,
 }
@@ -127,17 +121,13 @@ impl ResourceLock {
         Self {
             settings,
             fencing: FencingCheck::closed(first),
-            next: first,
-            reserved: first,
-            is_persisting: false,
+            numbers: FencingNumbers::from(first),
             quarantine: if first > 1 { now + settings.lease } else { now },
             holder: None,
             waiting: BTreeMap::new(),
             arrival: 0,
             ended: BTreeMap::new(),
-            grants: 0,
-            expired: 0,
-            preempted: 0,
+            counters: LockCounters::default(),
             #[cfg(test)]
             fault: None,
         }
@@ -155,10 +145,7 @@ impl ResourceLock {
                 self.release(now, client, request);
                 effects.push(LockEffect::Answer { client, answer: LockAnswer::Released { request } });
             }
-            LockInput::Persisted(number) => {
-                self.is_persisting = false;
-                self.reserved = self.reserved.max(number);
-            }
+            LockInput::Persisted(number) => self.numbers.persisted(number),
             LockInput::Request(LockRequest::Look) => {
                 effects.push(LockEffect::Answer { client: NOBODY, answer: LockAnswer::Status(self.status(now)) });
             }
@@ -169,8 +156,8 @@ impl ResourceLock {
 
     /// Returns the time at which the lock has to be called with [`LockInput::Tick`]; none if it waits for nothing.
     pub fn deadline(&self) -> Option<Time> {
-        let grant =
-            (self.holder.is_none() && !self.waiting.is_empty() && !self.is_persisting).then_some(self.quarantine);
+        let is_due = self.holder.is_none() && !self.waiting.is_empty() && !self.numbers.is_persisting();
+        let grant = is_due.then_some(self.quarantine);
         let expiry = self.holder.as_ref().map(|holder| holder.until);
         let forgotten = self.waiting.values().map(|waiter| waiter.heard + self.settings.lease).min();
         [grant, expiry, forgotten].into_iter().flatten().min()
@@ -201,9 +188,7 @@ impl ResourceLock {
             left: holder.map(|holder| holder.until.since(now)),
             lease: self.settings.lease,
             waiting: self.waiting.values().map(|waiter| waiter.name.clone()).collect(),
-            grants: self.grants,
-            expired: self.expired,
-            preempted: self.preempted,
+            counters: self.counters,
         }
     }
 
@@ -292,7 +277,7 @@ impl ResourceLock {
         self.waiting.retain(|_, waiter| now < waiter.heard + lease);
         let Some(holder) = self.holder.as_ref().filter(|holder| holder.until <= now) else { return };
         let why = if holder.is_wanted { Denied::Preempted } else { Denied::Expired };
-        *(if holder.is_wanted { &mut self.preempted } else { &mut self.expired }) += 1;
+        *(if holder.is_wanted { &mut self.counters.preempted } else { &mut self.counters.expired }) += 1;
         self.end_hold(now, why);
     }
 
@@ -321,18 +306,14 @@ impl ResourceLock {
         if self.holder.is_some() || self.waiting.is_empty() || now < self.quarantine {
             return;
         }
-        if self.next >= self.reserved && !self.is_persisting {
-            self.is_persisting = true;
-            effects.push(LockEffect::Persist(self.next.saturating_add(RESERVED)));
-        }
-        if self.next >= self.reserved && !self.has(Fault::GrantsUnwritten) {
+        effects.extend(self.numbers.reserve().map(LockEffect::Persist));
+        if !self.numbers.is_reserved() && !self.has(Fault::GrantsUnwritten) {
             return;
         }
         let Some(((Reverse(priority), _), waiter)) = self.waiting.pop_first() else { return };
         let Waiter { client, name, request, .. } = waiter;
-        let (fence, until) = (self.next, now + self.settings.lease);
-        self.next += 1;
-        self.grants += 1;
+        let (fence, until) = (self.numbers.take(), now + self.settings.lease);
+        self.counters.grants += 1;
         self.fencing.open(fence);
         self.holder = Some(Holder { client, name, request, priority, fence, until, is_wanted: false });
         effects.extend(self.granted(now, request).map(|answer| LockEffect::Answer { client, answer }));

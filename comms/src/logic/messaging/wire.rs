@@ -233,7 +233,14 @@ pub struct LockStatus {
     pub lease: Duration,
     /// The waiting clients, in their order.
     pub waiting: Vec<String>,
-    /// How often the lock was granted since the server's start.
+    /// The counters of its grants.
+    pub counters: LockCounters,
+}
+
+/// The grants of a lock since the start of its server.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LockCounters {
+    /// How often the lock was granted.
     pub grants: u64,
     /// How many leases ran out.
     pub expired: u64,

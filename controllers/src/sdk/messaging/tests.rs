@@ -187,7 +187,7 @@ fn a_greater_priority_takes_the_wheels_and_a_command_without_the_lock_is_refused
     assert!(high.user.held(at(1490)).is_some());
     high.user.let_go();
     run(&mut base, &mut [&mut high], (1500, 1530));
-    assert_eq!((base.wheels.held(at(1530)), base.wheels.status().preempted), (None, 1));
+    assert_eq!((base.wheels.held(at(1530)), base.wheels.status().counters.preempted), (None, 1));
 }
 
 /// While a client is cut off, it does not get the lock. Messages that it sends in this time are repeated, and taken

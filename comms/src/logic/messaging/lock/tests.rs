@@ -50,7 +50,7 @@ fn the_next_one_gets_it_when_the_lease_is_over() {
     // The answer is the same if this request comes a second time.
     assert_eq!(handle(&mut lock, at(102), acquire(7, 1, 9)), [(7, expired)]);
     let status = lock.status(at(150));
-    assert_eq!((status.holder.as_deref(), status.fence, status.expired), (Some("8"), Some(2), 1));
+    assert_eq!((status.holder.as_deref(), status.fence, status.counters.expired), (Some("8"), Some(2), 1));
     assert_eq!((status.left, status.waiting), (Some(Duration::from_millis(50)), Vec::<String>::new()));
 }
 
@@ -77,7 +77,7 @@ fn it_is_given_by_priority_and_taken_away_where_that_is_declared() {
     handle(&mut kept, at(0), acquire(1, 1, 5));
     handle(&mut kept, at(1), acquire(3, 1, 6));
     assert_eq!(handle(&mut kept, at(60), renew(1)), [(1, granted(1, 1, 100, false))]);
-    assert_eq!(kept.status(at(60)).preempted, 0);
+    assert_eq!(kept.status(at(60)).counters.preempted, 0);
 }
 
 #[test]

@@ -117,9 +117,7 @@ fn golden_locks() {
         left: Some(left),
         lease,
         waiting: vec!["w".into()],
-        grants: 1,
-        expired: 2,
-        preempted: 3,
+        counters: LockCounters { grants: 1, expired: 2, preempted: 3 },
     };
     check(&LockAnswer::Status(status), "4443010019000401016801070100030080cab5ee01010177010203");
 }
