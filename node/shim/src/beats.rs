@@ -32,7 +32,7 @@ pub(crate) struct Beats {
 impl Beats {
     /// Opens the socket of the instance; none if the program is not watched.
     pub(crate) fn open(start: &ShimStart) -> io::Result<Option<Self>> {
-        if start.watchdog.is_none() && start.ready_within.is_none() {
+        if start.watchdog.shortest().is_none() {
             return Ok(None);
         }
         let path = path(start);
@@ -52,7 +52,7 @@ impl Beats {
     /// Watches the program, which has just been started; ends with the first alarm.
     pub(crate) fn watch(self, start: &ShimStart, program: i32, events: SyncSender<Event>) -> io::Result<()> {
         let from_start = start.gate == Gate::Exec;
-        let Some(watchdog) = Watchdog::new(start.watchdog, start.ready_within, from_start, now()) else {
+        let Some(watchdog) = Watchdog::new(start.watchdog, from_start, now()) else {
             return Ok(());
         };
         let run = move || {
@@ -130,7 +130,7 @@ fn path(start: &ShimStart) -> PathBuf {
 
 /// The variables by which a program learns that it is watched. Source: sd_watchdog_enabled(3).
 pub(crate) fn environment(start: &ShimStart) -> Vec<(&'static str, String)> {
-    let Some(bound) = start.watchdog.into_iter().chain(start.ready_within).min() else { return Vec::new() };
+    let Some(bound) = start.watchdog.shortest() else { return Vec::new() };
     let socket = path(start).display().to_string();
     vec![("NOTIFY_SOCKET", socket), ("WATCHDOG_USEC", bound.as_micros().to_string())]
 }

@@ -22,7 +22,9 @@ mod start;
 
 pub use end::{EndReason, LimitKind, ProgramEnd};
 pub use judged::{Judged, JudgedBy, Stamp};
-pub use start::{Account, Limits, Realtime, SECRET_MAX, Sandbox, SandboxLevel, ShimStart, SoftLimits, secret};
+pub use start::{
+    Account, Limits, Realtime, SECRET_MAX, Sandbox, SandboxLevel, ShimStart, SoftLimits, WatchdogBounds, secret,
+};
 use std::fmt;
 use std::time::Duration;
 use thiserror::Error;

@@ -6,7 +6,7 @@
 //! program had none. Then this time is also counted.
 
 use comms::logic::time::Time;
-use shim::protocol::EndReason;
+use shim::protocol::{EndReason, WatchdogBounds};
 use std::time::Duration;
 
 /// How many looks there are in a bound.
@@ -19,8 +19,7 @@ const LATE_MAX: u32 = 8;
 /// The watcher of one program.
 #[derive(Debug)]
 pub(crate) struct Watchdog {
-    bound: Option<Duration>,
-    ready_within: Option<Duration>,
+    bounds: WatchdogBounds,
     step: Duration,
     looked_at: Time,
     /// How long it has been silent; none before its first sign of life.
@@ -41,16 +40,10 @@ struct Preparation {
 impl Watchdog {
     /// Returns the watcher of a program that begins now; none if nothing is to be watched. If `from_start` is set,
     /// signs of life and readiness are expected from now on, else from the first sign on.
-    pub(crate) fn new(
-        bound: Option<Duration>,
-        ready_within: Option<Duration>,
-        from_start: bool,
-        now: Time,
-    ) -> Option<Self> {
-        let step = (bound.into_iter().chain(ready_within).min()? / LOOKS).max(LOOK_MIN);
+    pub(crate) fn new(bounds: WatchdogBounds, from_start: bool, now: Time) -> Option<Self> {
+        let step = (bounds.shortest()? / LOOKS).max(LOOK_MIN);
         Some(Self {
-            bound,
-            ready_within,
+            bounds,
             step,
             looked_at: now,
             silent: from_start.then_some(Duration::ZERO),
@@ -93,11 +86,12 @@ impl Watchdog {
     pub(crate) fn look(&mut self, now: Time) -> Option<EndReason> {
         self.pass(now);
         // A start with its own time limit may use it.
-        let starts = self.ready_within.is_some()
-            && self.preparation.as_ref().is_some_and(|preparation| preparation.number.is_none());
-        let late = self.bound.filter(|bound| !starts && self.silent.is_some_and(|silent| silent >= *bound));
+        let WatchdogBounds { silence, ready_within } = self.bounds;
+        let starts =
+            ready_within.is_some() && self.preparation.as_ref().is_some_and(|preparation| preparation.number.is_none());
+        let late = silence.filter(|bound| !starts && self.silent.is_some_and(|silent| silent >= *bound));
         let prepares = |within: &Duration| self.preparation.as_ref().is_some_and(|one| one.elapsed >= *within);
-        let slow = self.ready_within.filter(prepares);
+        let slow = ready_within.filter(prepares);
         slow.map(EndReason::StartTimeout).or(late.map(EndReason::Watchdog))
     }
 
@@ -140,8 +134,9 @@ mod tests {
     }
 
     impl World {
-        fn new(bound: Option<Duration>, ready_within: Option<Duration>, from_start: bool) -> Self {
-            let watchdog = Watchdog::new(bound, ready_within, from_start, Time::ZERO).unwrap();
+        fn new(silence: Option<Duration>, ready_within: Option<Duration>, from_start: bool) -> Self {
+            let bounds = WatchdogBounds { silence, ready_within };
+            let watchdog = Watchdog::new(bounds, from_start, Time::ZERO).unwrap();
             Self { watchdog, now: 0 }
         }
 
@@ -261,6 +256,6 @@ mod tests {
 
     #[test]
     fn nothing_to_watch_is_not_watched() {
-        assert!(Watchdog::new(None, None, true, Time::ZERO).is_none());
+        assert!(Watchdog::new(WatchdogBounds::default(), true, Time::ZERO).is_none());
     }
 }

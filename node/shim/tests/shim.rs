@@ -17,7 +17,7 @@ mod secrets;
 use comms::io::clock::now;
 use shim::protocol::{
     EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, Sandbox,
-    ShimOrder, ShimReport, ShimStart, SoftLimits,
+    ShimOrder, ShimReport, ShimStart, SoftLimits, WatchdogBounds,
 };
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -60,8 +60,7 @@ impl Shim {
             working_directory: dir.clone(),
             gate: Gate::None,
             agent_loss_grace: Some(Duration::from_millis(200)),
-            watchdog: None,
-            ready_within: None,
+            watchdog: WatchdogBounds::default(),
             limits: Limits::default(),
             sandbox: Sandbox::default(),
             groups: Vec::new(),

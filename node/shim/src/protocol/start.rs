@@ -20,12 +20,8 @@ pub struct ShimStart {
     /// How long the program may take to stop once the agent is gone. Without a grace, the program
     /// runs until it ends by itself, or until an attached agent ends it.
     pub agent_loss_grace: Option<Duration>,
-    /// How long the program may give no sign of life; without a limit if none. A program with [`Gate::None`] is watched
-    /// from its first sign on.
-    pub watchdog: Option<Duration>,
-    /// How long an `Init` of the program may take, and with [`Gate::Exec`] the time to its `READY=1`; without a limit
-    /// if none.
-    pub ready_within: Option<Duration>,
+    /// How long the program may hang.
+    pub watchdog: WatchdogBounds,
     /// The limits of the program.
     pub limits: Limits,
     /// The user it runs as, and its rights.
@@ -41,6 +37,15 @@ pub struct ShimStart {
     pub secrets: Vec<u32>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
     pub command: Vec<String>,
+}
+
+/// How long a program may hang before its shim ends it; without a limit if none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WatchdogBounds {
+    /// How long the program may give no sign of life. A program with [`Gate::None`] is watched from its first sign on.
+    pub silence: Option<Duration>,
+    /// How long an `Init` of the program may take, and with [`Gate::Exec`] the time to its `READY=1`.
+    pub ready_within: Option<Duration>,
 }
 
 /// Soft limits in which a node differs from its programs. None means that the node has not changed the limit.
@@ -116,6 +121,13 @@ pub struct Realtime {
     pub is_optional: bool,
 }
 
+impl WatchdogBounds {
+    /// Returns the shortest bound; none if the program is not watched.
+    pub fn shortest(&self) -> Option<Duration> {
+        self.silence.into_iter().chain(self.ready_within).min()
+    }
+}
+
 impl ShimStart {
     /// Returns the arguments of the shim.
     pub fn arguments(&self) -> Vec<OsString> {
@@ -128,7 +140,8 @@ impl ShimStart {
         arguments.extend(["--gate".into(), gate.into()]);
         let agent_loss = self.agent_loss_grace.map_or_else(|| KEEP.to_owned(), |grace| grace.as_millis().to_string());
         arguments.extend(["--agent-loss".into(), agent_loss.into()]);
-        for (name, bound) in [("--watchdog", self.watchdog), ("--ready-within", self.ready_within)] {
+        let WatchdogBounds { silence, ready_within } = self.watchdog;
+        for (name, bound) in [("--watchdog", silence), ("--ready-within", ready_within)] {
             arguments.extend(bound.into_iter().flat_map(|bound| [name.into(), bound.as_millis().to_string().into()]));
         }
         if let Some(descriptors) = self.before.descriptors {
@@ -187,8 +200,7 @@ impl ShimStart {
             working_directory: PathBuf::from("/"),
             gate: Gate::None,
             agent_loss_grace: Some(AGENT_LOSS_GRACE),
-            watchdog: None,
-            ready_within: None,
+            watchdog: WatchdogBounds::default(),
             limits: Limits::default(),
             sandbox: Sandbox::default(),
             groups: Vec::new(),
@@ -237,7 +249,8 @@ impl ShimStart {
             }
             "--watchdog" | "--ready-within" => {
                 let millis = value.to_str().and_then(|millis| millis.parse().ok()).ok_or("must be a number")?;
-                let bound = if name == "--watchdog" { &mut self.watchdog } else { &mut self.ready_within };
+                let WatchdogBounds { silence, ready_within } = &mut self.watchdog;
+                let bound = if name == "--watchdog" { silence } else { ready_within };
                 *bound = Some(Duration::from_millis(millis));
             }
             "--descriptors" | "--core" => {
@@ -361,8 +374,10 @@ mod tests {
             working_directory: "/tmp".into(),
             gate: Gate::Exec,
             agent_loss_grace: Some(Duration::from_millis(20)),
-            watchdog: Some(Duration::from_millis(500)),
-            ready_within: Some(Duration::from_secs(3)),
+            watchdog: WatchdogBounds {
+                silence: Some(Duration::from_millis(500)),
+                ready_within: Some(Duration::from_secs(3)),
+            },
             limits: Limits {
                 memory: Some(200_000_000),
                 cpu: Some(Duration::from_secs(600)),

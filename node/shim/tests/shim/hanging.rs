@@ -3,7 +3,7 @@
 use super::{LONG, Over, STARTED, Shim, exited, signalled, wait_for};
 use comms::io::clock::{Wakeup, now};
 use rustix::process::{Pid, Signal, kill_process};
-use shim::protocol::{EXIT_FILE, EndReason, Gate, ProgramEnd, ShimOrder, ShimReport};
+use shim::protocol::{EXIT_FILE, EndReason, Gate, ProgramEnd, ShimOrder, ShimReport, WatchdogBounds};
 use std::os::unix::net::UnixDatagram;
 use std::time::Duration;
 
@@ -15,9 +15,9 @@ fn ended(signal: i32, why: EndReason) -> ShimReport {
 }
 
 /// Starts a shim that is to watch its program; a gate is opened.
-fn watched(gate: Gate, watchdog: Option<Duration>, ready_within: Option<Duration>, script: &str) -> Shim {
+fn watched(gate: Gate, silence: Option<Duration>, ready_within: Option<Duration>, script: &str) -> Shim {
     let mut shim = Shim::start_with(|start| {
-        (start.gate, start.watchdog, start.ready_within) = (gate, watchdog, ready_within);
+        (start.gate, start.watchdog) = (gate, WatchdogBounds { silence, ready_within });
         start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
     });
     if gate == Gate::Exec {

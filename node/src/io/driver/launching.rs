@@ -67,15 +67,13 @@ impl Driver {
         let is_controller = order.kind == LeafKind::Controller;
         let control = self.control_socket(order.kind, &process.deployment);
         let dir = self.dir.process(&process);
-        let (watchdog, ready_within) = watched(order.kind, &order.policy);
         let grace = self.settings.agent_loss_grace.or(self.config.programs.agent_loss_grace);
         let folder = self.running.start_folder.of(order.environment.directory.as_deref());
         let shim = ShimStart {
             working_directory: folder.clone().unwrap_or_default(),
             gate: if is_controller { Gate::None } else { Gate::Exec },
             agent_loss_grace: order.policy.agent_loss.or(grace),
-            watchdog,
-            ready_within,
+            watchdog: watched(order.kind, &order.policy),
             limits: child::limits(&order.policy.usage),
             sandbox: Sandbox::default(),
             groups: Vec::new(),

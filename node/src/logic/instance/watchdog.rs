@@ -1,6 +1,7 @@
 //! How long a program may hang. Its shim measures this, because the shim runs even when the node does not run.
 
 use language::plan::{LeafKind, Policy, Watchdog};
+use shim::protocol::WatchdogBounds;
 use std::time::Duration;
 
 /// How long a controller may give no sign of life, unless its policy gives another time. A starved host gives each of
@@ -33,25 +34,25 @@ pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
     if asked.is_zero() {
         return asked;
     }
-    let (bound, ready) = watched(kind, policy);
-    let ready = ready.filter(|_| kind == LeafKind::Plain);
-    let spans = bound.into_iter().chain(ready);
+    let WatchdogBounds { silence, ready_within } = watched(kind, policy);
+    let spans = silence.into_iter().chain(ready_within.filter(|_| kind == LeafKind::Plain));
     let found = spans.map(|span| span + span / 4).reduce(|sum, span| sum + span);
     found.map_or(asked, |found| asked.max(found + HANG_MARGIN))
 }
 
-/// Returns how the shim watches a program: how long the program may give no sign of life, and how long it may prepare.
-/// Most plain programs send no signs of life, so a plain program is watched for them only if its policy says so. If the
-/// policy forbids watching, the shim only watches the time to be ready, if this time is given.
-pub fn watched(kind: LeafKind, policy: &Policy) -> (Option<Duration>, Option<Duration>) {
-    match (kind, policy.watchdog) {
+/// Returns how long the shim lets a program hang. Most plain programs send no signs of life, so a plain program is watched
+/// for them only if its policy says so. If the policy forbids watching, the shim only watches the time to be ready, if
+/// this time is given.
+pub fn watched(kind: LeafKind, policy: &Policy) -> WatchdogBounds {
+    let (silence, ready_within) = match (kind, policy.watchdog) {
         (LeafKind::Controller, Watchdog::Usual) => (Some(WATCHDOG), Some(ready_within(policy))),
         (LeafKind::Controller, Watchdog::Within(bound)) => (Some(bound), Some(ready_within(policy))),
         (LeafKind::Plain, Watchdog::Within(bound)) => (Some(bound), policy.ready_within),
         (LeafKind::Controller | LeafKind::Plain, Watchdog::Never) | (LeafKind::Plain, Watchdog::Usual) => {
             (None, policy.ready_within)
         }
-    }
+    };
+    WatchdogBounds { silence, ready_within }
 }
 
 #[cfg(test)]
@@ -63,7 +64,9 @@ mod tests {
         let (bound, ready) = (Duration::from_millis(500), Duration::from_secs(3));
         let check = |watchdog, ready_within, controller, plain| {
             let policy = Policy { watchdog, ready_within, ..Policy::default() };
-            let got = [LeafKind::Controller, LeafKind::Plain].map(|kind| watched(kind, &policy));
+            let got = [LeafKind::Controller, LeafKind::Plain]
+                .map(|kind| watched(kind, &policy))
+                .map(|bounds| (bounds.silence, bounds.ready_within));
             assert_eq!(got, [controller, plain], "{policy:?}");
         };
         check(Watchdog::Usual, None, (Some(WATCHDOG), Some(READY_WITHIN)), (None, None));
