@@ -13,9 +13,9 @@
 //! ```
 
 mod heads;
-mod refusals;
 mod renewal;
 mod revoked;
+mod trail;
 
 use crate::audit::{Audit, AuditEntry};
 use crate::cards::Cards;
@@ -23,17 +23,19 @@ use crate::folder;
 use anyhow::{Context as _, bail, ensure};
 use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
-use refusals::Refusals;
+use heads::HeadsFile;
 use renewal::Vouched;
+use revoked::RevokedFile;
 pub(crate) use revoked::{REVOKED_BYTES_MAX, revocations};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use tokio::sync::watch;
-use trust::heads::Heads;
+use trail::AuditTrail;
+use trust::audit::{Decision, Head, Position};
 use trust::identity::{KeyId, PublicKeys, SECRET_LEN, SIGNATURE_LEN, SecretKeys};
 use trust::name::Name;
-use trust::revocation::Revocations;
+use trust::revocation::{RevocationError, Revocations, RevokedSet};
 use trust::role::Kind;
 use trust::seal::{Place, SealError, Sealed, Secret};
 use trust::statement;
@@ -68,14 +70,13 @@ pub struct Member {
     vouched: Mutex<Option<Vouched>>,
     /// The file that programs of another user read, and the group of that user.
     shared: Mutex<Option<(PathBuf, u32)>>,
-    revoked: Mutex<Revocations>,
+    revoked: RevokedFile,
+    /// Changes with the revocations.
+    changes: watch::Sender<()>,
     /// The credentials that other nodes have shown.
     cards: Cards,
-    changes: watch::Sender<()>,
-    /// The audit log; none if the disk refuses it.
-    audit: Option<Audit>,
-    heads: Mutex<Heads>,
-    refusals: Mutex<Refusals>,
+    trail: AuditTrail,
+    heads: HeadsFile,
 }
 
 impl Member {
@@ -114,28 +115,23 @@ impl Member {
             bail!("{}", broken(CREDENTIAL));
         }
         note(state, &team);
-        let revoked = revoked::open(&folder, &team, keys.public().id())?;
+        let revoked = RevokedFile::open(&folder, &team, keys.public().id())?;
         let audit = Audit::open(&folder, team.id(), keys.public().id());
         let audit =
             audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();
-        let heads = Mutex::new(heads::open(&folder));
-        let (revoked, changes) = (Mutex::new(revoked), watch::Sender::new(()));
-        let (cards, refusals) = (Cards::default(), Mutex::default());
-        let (newest, vouched, shared) = (Mutex::new(credential.clone()), Mutex::default(), Mutex::default());
         let member = Self {
+            heads: HeadsFile::open(&folder),
             folder,
             keys,
             team,
+            newest: Mutex::new(credential.clone()),
             credential,
-            newest,
-            vouched,
-            shared,
+            vouched: Mutex::default(),
+            shared: Mutex::default(),
             revoked,
-            cards,
-            changes,
-            audit,
-            heads,
-            refusals,
+            changes: watch::Sender::new(()),
+            cards: Cards::default(),
+            trail: AuditTrail::new(audit),
         };
         Ok(Some(member))
     }
@@ -213,7 +209,7 @@ impl Member {
 
     /// Calls `judge` with the team, its revocations and the time.
     pub fn with_judge<T>(&self, judge: impl FnOnce(&Judge<'_>) -> T) -> T {
-        let revoked = self.revoked().clone();
+        let revoked = self.revoked.sets().clone();
         judge(&self.by(&revoked))
     }
 
@@ -222,7 +218,7 @@ impl Member {
     /// # Errors
     /// The reason, if it is not trusted.
     pub fn check(&self) -> anyhow::Result<()> {
-        let revoked = self.revoked();
+        let revoked = self.revoked.sets();
         self.newest().check(&self.by(&revoked)).map(drop).context("this node is not trusted")
     }
 
@@ -263,17 +259,83 @@ impl Member {
 
     /// Writes a record to the audit log.
     pub fn record(&self, entry: AuditEntry) {
-        self.audit.iter().for_each(|audit| audit.record(entry.clone()));
+        self.trail.record(entry);
+    }
+
+    /// Notes that a message was refused: the action that it requested, and the reason. Returns whether the refusal
+    /// should be recorded. Only one line per minute is recorded for each reason, and only a few reasons, so that
+    /// repeated attempts do not fill the disk.
+    pub fn refuse_message(&self, what: &str, why: &str) -> bool {
+        self.trail.refuse_message(what, why)
+    }
+
+    /// Returns a receiver of the position of this node's audit log; none without a log.
+    pub fn audit_position(&self) -> Option<watch::Receiver<Option<Position>>> {
+        self.trail.position()
+    }
+
+    /// Signs the position of this node's audit log, for others to countersign.
+    pub fn sign_position(&self, position: Position) -> Head {
+        Head::sign(position, crate::now(), &self.keys)
+    }
+
+    /// Signs the position of another node's audit log, which that node has signed. Blocks.
+    ///
+    /// # Errors
+    /// If the log was cut off or rewritten since this node last signed it, the log belongs to another node, or the disk
+    /// refuses.
+    pub fn countersign(&self, head: &Head, of: &Name) -> anyhow::Result<Head> {
+        ensure!(head.position().log == head.by(), "the head of its log is signed by another node");
+        self.heads.change(|heads| Ok(heads.countersign(head, of, crate::now(), self.name(), &self.keys)?))
+    }
+
+    /// Stores another node's signature on this node's audit log. Blocks.
+    ///
+    /// # Errors
+    /// If the head belongs to another log, the table is full, or the disk refuses.
+    pub fn keep_head(&self, head: Head, name: &Name) -> anyhow::Result<()> {
+        ensure!(head.position().log == self.id() && head.by() != self.id(), "the head belongs to another log");
+        self.heads.change(|heads| Ok(((), heads.keep(head, name)?)))
+    }
+
+    /// Adds a set of revocations by the team or an admin. Returns whether it was new.
+    ///
+    /// # Errors
+    /// If the set is not validly signed, or does not fit; then nothing has changed. Or if the disk
+    /// refuses; then the set applies until the node ends.
+    pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
+        let what = format!("{}{}, keys {}", revoked::REVOKE, set.number(), set.keys().len());
+        let Some(written) = self.revoked.add(set, &self.team)? else { return Ok(false) };
+        self.cards.judge_again();
+        if let Err(error) = self.share_again() {
+            tracing::error!(
+                error = format!("{error:#}"),
+                "cannot tell programs of another user which keys are revoked"
+            );
+        }
+        self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
+        self.changes.send_replace(());
+        written.map(|()| true)
+    }
+
+    /// Adds these sets; returns all sets that the node holds. They are on the disk when this returns.
+    ///
+    /// # Errors
+    /// The errors of [`Self::revoke()`], for any set; the other sets are still added.
+    pub fn tell_revoked(&self, told: &[Vec<u8>]) -> anyhow::Result<Vec<Vec<u8>>> {
+        let taken = |set: &Vec<u8>| -> anyhow::Result<bool> { self.revoke(RevokedSet::from_bytes(set)?) };
+        // Each set is added, even if others fail.
+        let mut all = Ok(());
+        for set in told {
+            all = all.and(taken(set).map(drop));
+        }
+        all?;
+        Ok(self.revoked.keep()?.sets().iter().map(RevokedSet::to_bytes).collect())
     }
 
     /// Returns a receiver that changes with the revocations.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.changes.subscribe()
-    }
-
-    fn revoked(&self) -> MutexGuard<'_, Revocations> {
-        // A set is added as a whole, so the sets are valid even after a panic.
-        self.revoked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn by<'a>(&'a self, revoked: &'a Revocations) -> Judge<'a> {
@@ -302,11 +364,11 @@ impl Identity for Member {
             return Err("its credential belongs to another key".to_owned());
         }
         // A copy: a reader of the cards also takes the lock of the revocations, so the two locks must not be held together.
-        let revoked = self.revoked().clone();
+        let revoked = self.revoked.sets().clone();
         let by = self.by(&revoked);
         // The certificate may have been renewed since the node showed it here.
         let newer = self.cards.newer(&credential, &by);
-        newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| self.judged(&error))?;
+        newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| self.trail.judged(&error))?;
         if credential.certificate().kind() != Kind::Node {
             return Err(format!("`{}` is not a node", claims.name));
         }
@@ -317,15 +379,37 @@ impl Identity for Member {
     }
 
     fn revocations(&self) -> Vec<u8> {
-        revoked::form(&self.revoked())
+        revoked::form(&self.revoked.sets())
     }
 
     fn hear(&self, revocations: &[u8]) -> bool {
-        self.hear_sets(revocations)
+        let sets = revoked::from_form(revocations).unwrap_or_else(|error| {
+            tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
+            Vec::new()
+        });
+        let before = self.revoked.sets().clone();
+        for set in sets {
+            match self.revoke(set) {
+                Ok(_) => {}
+                // The signer of this set is revoked here; such a set may be lost.
+                Err(error)
+                    if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
+                {
+                    tracing::debug!(error = format!("{error:#}"), "cannot accept revocations");
+                }
+                Err(error) => {
+                    tracing::error!(error = format!("{error:#}"), "cannot accept or store revocations");
+                }
+            }
+        }
+        if let Err(error) = self.revoked.keep() {
+            tracing::error!(error = format!("{error:#}"), "revocations are not on the disk");
+        }
+        self.revoked.sets().sets() != before.sets()
     }
 
     fn refused(&self, from: SocketAddr, why: &str) {
-        self.refuse_link(from, why);
+        self.trail.refuse_link(from, why);
     }
 }
 
@@ -338,13 +422,13 @@ impl Authenticator for Member {
 
     fn check(&self, proof: &Proof, digest: &Digest) -> Author {
         self.cards.check(self.credential.certificate(), proof, digest, |credential| {
-            let revoked = self.revoked();
+            let revoked = self.revoked.sets();
             credential.check(&self.by(&revoked)).map(drop).map_err(|error| error.to_string())
         })
     }
 
     fn forged(&self, claimed: &str, why: &str) {
-        self.refuse_message(&format!("speak as `{claimed}`"), why);
+        self.trail.refuse_message(&format!("speak as `{claimed}`"), why);
     }
 }
 

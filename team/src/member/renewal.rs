@@ -41,11 +41,11 @@ impl Member {
     }
 
     fn write(&self, Vouched { keys, files: [visitors, programs] }: &Vouched) -> anyhow::Result<()> {
-        let (newest, revoked) = (self.newest().clone(), self.folder.join(super::REVOKED));
+        let (newest, revoked) = (self.newest().clone(), self.revoked.path());
         let delegation = Delegation::sign(*keys.public().signing(), "", crate::now(), &self.keys, newest.clone());
-        folder::write(programs, &Circle::bytes(&self.team, &newest, &revoked)?)?;
+        folder::write(programs, &Circle::bytes(&self.team, &newest, revoked)?)?;
         self.share_again()?;
-        VisitorIdentity::keep(visitors, keys, &self.team, &delegation, &revoked)
+        VisitorIdentity::keep(visitors, keys, &self.team, &delegation, revoked)
     }
 
     /// Also writes the programs' credentials to this file, and the revocations beside it, for the group of the user that the programs
@@ -64,7 +64,7 @@ impl Member {
     pub(super) fn share_again(&self) -> anyhow::Result<()> {
         let Some((file, gid)) = self.shared().clone() else { return Ok(()) };
         let (newest, revoked) = (self.newest().clone(), file.with_file_name(super::REVOKED));
-        folder::write_for_group(&revoked, &super::revoked::form(&self.revoked()), gid)?;
+        folder::write_for_group(&revoked, &super::revoked::form(&self.revoked.sets()), gid)?;
         folder::write_for_group(&file, &Circle::bytes(&self.team, &newest, &revoked)?, gid)
     }
 

@@ -1,14 +1,14 @@
 //! The revocations of a team: those that this node receives, stores and passes on. Memory and disk hold the same
 //! sets, unless the disk refuses. Then the received sets still apply, and are written at the next message.
 
-use super::{Member, REVOKED, judge};
-use crate::audit::{self, AuditEntry};
+use super::{REVOKED, judge};
+use crate::audit;
 use crate::folder;
 use anyhow::{Context as _, anyhow, bail, ensure};
-use std::path::Path;
-use trust::audit::Decision;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use trust::identity::KeyId;
-use trust::revocation::{ADMINS_BYTES_MAX, Received, RevocationError, Revocations, RevokedSet, SET_MAX, SETS_MAX};
+use trust::revocation::{ADMINS_BYTES_MAX, Received, Revocations, RevokedSet, SET_MAX, SETS_MAX};
 use trust::team::Team;
 
 /// The most bytes of revocations that are stored, or received at once.
@@ -17,109 +17,78 @@ pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
 const _: () = assert!(SETS_MAX * SET_MAX + ADMINS_BYTES_MAX + (128 << 10) <= REVOKED_BYTES_MAX);
 
 /// The beginning of an audit record about a revocation.
-const REVOKE: &str = "revoke: number ";
+pub(super) const REVOKE: &str = "revoke: number ";
 
-/// Returns the stored revocations of the team.
-///
-/// # Errors
-/// If the file cannot be read, is invalid, or is missing although this node has received revocations. Without the
-/// file the node would trust revoked members.
-pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Revocations> {
-    let path = folder.join(REVOKED);
-    let help =
-        "copy this file from another node of the team (its lines are signed), or take this node into its team again";
-    if let Some(sets) = folder::read(&path, REVOKED_BYTES_MAX)? {
-        return revocations(&sets, team).with_context(|| format!("`{}` is broken: {help}", path.display()));
-    }
-    ensure!(path.symlink_metadata().is_err(), "`{}` is a link that leads nowhere: {help}", path.display());
-    ensure!(
-        !audit::mentions(folder, node, REVOKE),
-        "`{}` is missing, but the audit log says that this node has received revocations: {help}",
-        path.display()
-    );
-    Ok(Revocations::default())
+/// The revocations in memory, and the file that holds them.
+#[derive(Debug)]
+pub(super) struct RevokedFile {
+    path: PathBuf,
+    sets: Mutex<Revocations>,
 }
 
-impl Member {
-    /// Adds a set of revocations by the team or an admin. Returns whether it was new.
+impl RevokedFile {
+    /// Reads the stored revocations of the team.
     ///
     /// # Errors
-    /// If the set is not validly signed, or does not fit; then nothing has changed. Or if the disk
-    /// refuses; then the set applies until the node ends.
-    pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
-        let (number, count) = (set.number(), set.keys().len());
-        let mut revoked = self.revoked();
-        let mut with = revoked.clone();
-        if with.receive(set, &judge(&self.team, &revoked))? == Received::Known {
-            return Ok(false);
-        }
-        let written = folder::write(&self.folder.join(REVOKED), &form(&with));
-        *revoked = with;
-        drop(revoked);
-        self.cards.judge_again();
-        if let Err(error) = self.share_again() {
-            tracing::error!(
-                error = format!("{error:#}"),
-                "cannot tell programs of another user which keys are revoked"
+    /// If the file cannot be read, is invalid, or is missing although this node has received revocations. Without the
+    /// file the node would trust revoked members.
+    pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Self> {
+        let path = folder.join(REVOKED);
+        let help = "copy this file from another node of the team (its lines are signed), or take this node into its team \
+                    again";
+        let sets = if let Some(sets) = folder::read(&path, REVOKED_BYTES_MAX)? {
+            revocations(&sets, team).with_context(|| format!("`{}` is broken: {help}", path.display()))?
+        } else {
+            ensure!(path.symlink_metadata().is_err(), "`{}` is a link that leads nowhere: {help}", path.display());
+            ensure!(
+                !audit::mentions(folder, node, REVOKE),
+                "`{}` is missing, but the audit log says that this node has received revocations: {help}",
+                path.display()
             );
-        }
-        let what = format!("{REVOKE}{number}, keys {count}");
-        self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
-        self.changes.send_replace(());
-        written.map(|()| true)
+            Revocations::default()
+        };
+        Ok(Self { path, sets: Mutex::new(sets) })
     }
 
-    /// Writes the sets to the disk, if the file differs from them.
-    fn keep(&self, revoked: &Revocations) -> anyhow::Result<()> {
-        let (path, bytes) = (self.folder.join(REVOKED), form(revoked));
-        // The file may have been replaced by an older one, or the disk may have refused a write.
-        let is_kept = folder::read(&path, REVOKED_BYTES_MAX).is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
-        if is_kept || revoked.sets().is_empty() { Ok(()) } else { folder::write(&path, &bytes) }
+    pub(super) fn path(&self) -> &Path {
+        &self.path
     }
 
-    /// Adds these sets; returns all sets that the node holds. They are on the disk when this returns.
+    /// Returns the revocations.
+    pub(super) fn sets(&self) -> MutexGuard<'_, Revocations> {
+        // A set is added as a whole, so the sets are valid even after a panic.
+        self.sets.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a set. None if it is known; else whether the disk has taken it. The set applies even if the disk has not.
     ///
     /// # Errors
-    /// The errors of [`Self::revoke()`], for any set; the other sets are still added.
-    pub fn tell_revoked(&self, told: &[Vec<u8>]) -> anyhow::Result<Vec<Vec<u8>>> {
-        let taken = |set: &Vec<u8>| -> anyhow::Result<bool> { self.revoke(RevokedSet::from_bytes(set)?) };
-        // Each set is added, even if others fail.
-        let mut all = Ok(());
-        for set in told {
-            all = all.and(taken(set).map(drop));
+    /// If the set is not validly signed, or does not fit. Then nothing has changed.
+    pub(super) fn add(&self, set: RevokedSet, team: &Team) -> anyhow::Result<Option<anyhow::Result<()>>> {
+        let mut sets = self.sets();
+        let mut with = sets.clone();
+        if with.receive(set, &judge(team, &sets))? == Received::Known {
+            return Ok(None);
         }
-        all?;
-        let revoked = self.revoked();
-        self.keep(&revoked)?;
-        Ok(revoked.sets().iter().map(RevokedSet::to_bytes).collect())
+        let written = folder::write(&self.path, &form(&with));
+        *sets = with;
+        Ok(Some(written))
     }
 
-    /// Adds the revocations of another node. Returns whether any of them was new.
-    pub(super) fn hear_sets(&self, revocations: &[u8]) -> bool {
-        let sets = from_form(revocations).unwrap_or_else(|error| {
-            tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
-            Vec::new()
-        });
-        let before = self.revoked().clone();
-        for set in sets {
-            match self.revoke(set) {
-                Ok(_) => {}
-                // The signer of this set is revoked here; such a set may be lost.
-                Err(error)
-                    if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
-                {
-                    tracing::debug!(error = format!("{error:#}"), "cannot accept revocations");
-                }
-                Err(error) => {
-                    tracing::error!(error = format!("{error:#}"), "cannot accept or store revocations");
-                }
-            }
+    /// Writes the sets to the disk, if the file differs from them. Returns the sets.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub(super) fn keep(&self) -> anyhow::Result<Revocations> {
+        let sets = self.sets();
+        let bytes = form(&sets);
+        // The file may have been replaced by an older one, or the disk may have refused a write.
+        let kept = folder::read(&self.path, REVOKED_BYTES_MAX);
+        let is_kept = kept.is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
+        if !is_kept && !sets.sets().is_empty() {
+            folder::write(&self.path, &bytes)?;
         }
-        let revoked = self.revoked();
-        if let Err(error) = self.keep(&revoked) {
-            tracing::error!(error = format!("{error:#}"), "revocations are not on the disk");
-        }
-        revoked.sets() != before.sets()
+        Ok(sets.clone())
     }
 }
 
@@ -130,7 +99,7 @@ pub(super) fn form(revoked: &Revocations) -> Vec<u8> {
 }
 
 /// Reads sets of revocations from these bytes.
-fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
+pub(super) fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
     if bytes.len() > REVOKED_BYTES_MAX {
         bail!("there are too many revocations");
     }

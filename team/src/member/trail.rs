@@ -1,12 +1,11 @@
-//! Counts the refusals of a member, so that repeated attempts do not fill the log: one line per minute for each
-//! reason.
+//! The audit trail of a member. Repeated refusals do not fill the log: it gets one line per minute for each reason.
 
-use super::Member;
-use crate::audit::AuditEntry;
+use crate::audit::{Audit, AuditEntry};
 use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr};
-use std::sync::{MutexGuard, PoisonError};
-use trust::audit::Decision;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+use trust::audit::{Decision, Position};
 use trust::team::TrustError;
 
 /// The most addresses and reasons that are distinguished in a minute. Further refusals are only counted.
@@ -16,29 +15,52 @@ const OF_MEMBERS_MAX: usize = 256;
 /// The number of reasons for which refusals of messages are recorded in a minute.
 const REASONS_MAX: usize = 32;
 
+/// The audit log of a member, and its latest refusals.
+#[derive(Debug)]
+pub(super) struct AuditTrail {
+    /// None if the disk refuses it.
+    log: Option<Audit>,
+    refusals: Mutex<Refusals>,
+}
+
 /// The refusals of this minute.
 #[derive(Debug, Default)]
-pub(super) struct Refusals {
-    /// The minute, and the addresses and reasons of refused links.
-    links: (u64, BTreeSet<(IpAddr, String)>),
-    /// The minute, and the reasons of refused messages.
-    messages: (u64, BTreeSet<String>),
-    /// The reasons against holders of a certificate of the team.
+struct Refusals {
+    minute: u64,
+    /// The addresses and reasons of refused links.
+    links: BTreeSet<(IpAddr, String)>,
+    /// The reasons of refused messages.
+    messages: BTreeSet<String>,
+    /// The reasons against holders of a certificate of the team, from all minutes.
     of_members: BTreeSet<String>,
 }
 
-impl Member {
+impl AuditTrail {
+    pub(super) fn new(log: Option<Audit>) -> Self {
+        Self { log, refusals: Mutex::default() }
+    }
+
+    /// Returns a receiver of the position of the log; none without a log.
+    pub(super) fn position(&self) -> Option<watch::Receiver<Option<Position>>> {
+        self.log.as_ref().map(Audit::position)
+    }
+
+    pub(super) fn record(&self, entry: AuditEntry) {
+        self.log.iter().for_each(|log| log.record(entry.clone()));
+    }
+
     /// Notes that a link was refused.
     pub(super) fn refuse_link(&self, from: SocketAddr, why: &str) {
+        let mut refusals = self.refusals();
         // A client that connects repeatedly, like a revoked robot, must not fill the log.
-        if !self.is_news(from.ip(), why) {
+        if !refusals.is_new_link(from.ip(), why) {
             return;
         }
-        let (who, what) = (from.to_string(), "link".to_owned());
-        let entry = AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() };
-        let is_member = self.refusals().of_members.contains(why);
-        let is_line = match &self.audit {
-            Some(audit) if !is_member => audit.record_stranger(entry),
+        let is_member = refusals.of_members.contains(why);
+        drop(refusals);
+        let entry = refused(from.to_string(), "link", why);
+        let is_line = match &self.log {
+            Some(log) if !is_member => log.record_stranger(entry),
             _ => {
                 self.record(entry);
                 true
@@ -48,6 +70,17 @@ impl Member {
         if is_line {
             tracing::warn!(%from, why, "a link was refused");
         }
+    }
+
+    /// Notes that a message was refused: the action that it requested, and the reason. Returns whether the refusal was
+    /// recorded.
+    pub(super) fn refuse_message(&self, what: &str, why: &str) -> bool {
+        let is_new = self.refusals().is_new_message(what, why);
+        if is_new {
+            tracing::warn!(what, why, "a message was refused");
+            self.record(refused("a member".to_owned(), what, why));
+        }
+        is_new
     }
 
     /// Returns the reason why a credential is not valid, and notes it if the credential belongs to this team.
@@ -62,35 +95,65 @@ impl Member {
 
     fn refusals(&self) -> MutexGuard<'_, Refusals> {
         // Sets of plain values are valid even if a thread has panicked while it held the lock.
-        self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
+        let mut refusals = self.refusals.lock().unwrap_or_else(PoisonError::into_inner);
+        refusals.begin(crate::now().0 / 60);
+        refusals
+    }
+}
+
+fn refused(who: String, what: &str, why: &str) -> AuditEntry {
+    AuditEntry { decision: Decision::Refused, who, what: what.to_owned(), reason: why.to_owned() }
+}
+
+impl Refusals {
+    /// Forgets the links and messages of an earlier minute.
+    fn begin(&mut self, minute: u64) {
+        if self.minute != minute {
+            let of_members = std::mem::take(&mut self.of_members);
+            *self = Self { minute, of_members, ..Self::default() };
+        }
     }
 
     /// Returns whether this is the first refusal at this address for this reason in this minute.
-    fn is_news(&self, from: IpAddr, why: &str) -> bool {
-        let minute = crate::now().0 / 60;
-        let told = &mut self.refusals().links;
-        if told.0 != minute {
-            *told = (minute, BTreeSet::new());
-        }
-        told.1.len() >= LINKS_MAX || told.1.insert((from, why.to_owned()))
+    fn is_new_link(&mut self, from: IpAddr, why: &str) -> bool {
+        self.links.len() >= LINKS_MAX || self.links.insert((from, why.to_owned()))
     }
 
-    /// Notes that a message was refused: the action that it requested, and the reason. Returns whether the refusal
-    /// should be recorded. Only one line per minute is recorded for each reason, and only a few reasons, so that
-    /// repeated attempts do not fill the disk.
-    pub fn refuse_message(&self, what: &str, why: &str) -> bool {
-        let mut refusals = self.refusals();
-        let (told, minute) = (&mut refusals.messages, crate::now().0 / 60);
-        if told.0 != minute {
-            *told = (minute, BTreeSet::new());
+    /// Returns whether this refusal is to be recorded: it is the first one for this reason in this minute, and only a few
+    /// reasons were recorded.
+    fn is_new_message(&mut self, what: &str, why: &str) -> bool {
+        self.messages.len() < REASONS_MAX && self.messages.insert(format!("{what}: {why}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_is_new_once_a_minute() {
+        let (mut refusals, here, there) = (Refusals::default(), [10, 0, 0, 1].into(), [10, 0, 0, 2].into());
+        refusals.begin(7);
+        refusals.of_members.insert("it is revoked".to_owned());
+        assert!(refusals.is_new_link(here, "it is revoked") && refusals.is_new_link(there, "it is revoked"));
+        assert!(refusals.is_new_message("stop", "it is revoked") && refusals.is_new_message("stop", "it has ended"));
+        refusals.begin(7);
+        assert!(!refusals.is_new_link(here, "it is revoked") && refusals.is_new_link(here, "it has ended"));
+        assert!(!refusals.is_new_message("stop", "it is revoked"));
+        refusals.begin(8);
+        assert!(refusals.is_new_link(here, "it is revoked") && refusals.is_new_message("stop", "it is revoked"));
+        assert!(refusals.of_members.contains("it is revoked"), "it is still the reason against a member");
+    }
+
+    /// The audit log limits the lines of strangers itself, so links above the limit are left to it.
+    #[test]
+    fn many_reasons_are_not_distinguished() {
+        let (mut refusals, from) = (Refusals::default(), [10, 0, 0, 1].into());
+        for number in 0..LINKS_MAX {
+            assert!(refusals.is_new_link(from, &number.to_string()));
         }
-        let is_news = told.1.len() < REASONS_MAX && told.1.insert(format!("{what}: {why}"));
-        drop(refusals);
-        if is_news {
-            tracing::warn!(what, why, "a message was refused");
-            let (who, what) = ("a member".to_owned(), what.to_owned());
-            self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
-        }
-        is_news
+        assert!(refusals.is_new_link(from, "0") && refusals.links.len() == LINKS_MAX);
+        let recorded = (0..1000).filter(|number| refusals.is_new_message("stop", &number.to_string())).count();
+        assert_eq!(recorded, REASONS_MAX);
     }
 }
