@@ -36,6 +36,7 @@ pub const REALTIME_MAX: u64 = 49;
 /// The largest number of processors that a rule may name.
 const CORES_MAX: f64 = 4096.0;
 
+// Wide: each field is a key of the file, which is flat. Serde cannot reject unknown keys in a file with flattened parts.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
