@@ -267,6 +267,20 @@ impl DataSession {
         self.on_samples(key, on_sample)
     }
 
+    /// Calls `on_sample` with each sample of a device that the gate lets in, under the rules of
+    /// [`DataSession::on_sample`].
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn on_vouched(
+        &self,
+        key: &str,
+        gate: Arc<DeviceGate>,
+        mut on_sample: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
+    ) -> Result<Subscription, DataError> {
+        self.on_samples(key, move |sample: Sample| gate.admit(&sample).into_iter().for_each(&mut on_sample))
+    }
+
     /// Answers each fetch of `key` with the result of `answer`; if there is none, it sends no answer.
     ///
     /// # Errors
@@ -282,7 +296,7 @@ impl DataSession {
                 tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
             }
         };
-        self.on_queries(key, on_query)
+        self.answers.serve(&self.opened.session, key, on_query)
     }
 
     fn on_samples(

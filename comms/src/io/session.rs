@@ -316,6 +316,25 @@ impl Session {
         self.opened.id()
     }
 
+    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`]. Since another session may serve the
+    /// same key, a request may also name this session ([`Session::at_the_other_end`]).
+    ///
+    /// At most 256 requests wait; further requests are refused.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn serve(&self, key: &str) -> Result<Server, CallError> {
+        Server::open(self, key)
+    }
+
+    /// Waits until each caller of a complete stream has taken the whole stream.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn answered(&self) {
+        self.answering.closed().await;
+    }
+
     /// Returns the locators at which the session listens.
     pub fn locators(&self) -> Vec<String> {
         self.opened.locators()

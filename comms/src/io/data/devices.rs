@@ -1,7 +1,7 @@
 //! Devices in a team: one sample goes to several programs, with a separate seal for each program that may accept it.
 //! The sample itself is not secret.
 
-use super::{DataError, DataSession, Opener, Publisher, Sealer, Subscription, session_error};
+use super::{DataError, Opener, Publisher, Sealer, session_error};
 use crate::logic::codec;
 use crate::logic::seal::{Content, Refusal, Seals};
 use std::borrow::Cow;
@@ -45,6 +45,17 @@ impl DeviceGate {
         *self.senders.lock().unwrap_or_else(PoisonError::into_inner) = senders;
     }
 
+    /// Returns the content of a sample; none if the sample is refused.
+    pub(super) fn admit<'a>(&self, sample: &'a Sample) -> Option<Cow<'a, [u8]>> {
+        let bytes = sample.payload().to_bytes();
+        let why = match self.check(sample, &bytes) {
+            Ok(()) => return Some(bytes),
+            Err(why) => why,
+        };
+        (self.refused)(why, sample.source_info().map(|source| source.source_id().zid().to_string()));
+        None
+    }
+
     fn check(&self, sample: &Sample, bytes: &[u8]) -> Result<(), Refusal> {
         let seals = sample.attachment().and_then(|seals| codec::decode::<Seals>(&seals.to_bytes()).ok());
         let Seals { seals } = seals.ok_or(Refusal::Unsealed)?;
@@ -72,31 +83,5 @@ impl Publisher {
         let Some(seals) = voucher.seals(&bytes.to_bytes()) else { return Ok(()) };
         let put = self.publisher.put(bytes).attachment(seals).source_info(self.source_info(0)).wait();
         put.map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
-    }
-}
-
-impl DataSession {
-    /// Calls `on_sample` with each sample of a device that the gate lets in, under the rules of
-    /// [`DataSession::on_sample`].
-    ///
-    /// # Errors
-    /// If the session is closed.
-    pub fn on_vouched(
-        &self,
-        key: &str,
-        gate: Arc<DeviceGate>,
-        mut on_sample: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
-    ) -> Result<Subscription, DataError> {
-        let on_sample = move |sample: Sample| {
-            let bytes = sample.payload().to_bytes();
-            match gate.check(&sample, &bytes) {
-                Ok(()) => on_sample(bytes),
-                Err(why) => {
-                    let from = sample.source_info().map(|source| source.source_id().zid().to_string());
-                    (gate.refused)(why, from);
-                }
-            }
-        };
-        self.on_samples(key, on_sample)
     }
 }

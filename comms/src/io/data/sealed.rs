@@ -87,7 +87,7 @@ impl DataSession {
                 tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
             }
         };
-        self.on_queries(key, on_query)
+        self.answers.serve(&self.opened.session, key, on_query)
     }
 
     /// Asks like [`DataSession::ask`], but accepts only an answer of the other end of the wire.

@@ -120,39 +120,23 @@ enum Turn {
     Over,
 }
 
-impl Session {
-    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`]. Since another session may serve the
-    /// same key, a request may also name this session ([`Session::at_the_other_end`]).
-    ///
-    /// At most 256 requests wait; further requests are refused.
-    ///
-    /// # Errors
-    /// If the session is closed.
-    pub fn serve(&self, key: &str) -> Result<Server, CallError> {
+impl Server {
+    /// Serves `key` on a session.
+    pub(super) fn open(session: &Session, key: &str) -> Result<Self, CallError> {
         let (to_serve, requests) = queue::channel(Policy::reject(REQUESTS_MAX));
-        let streams = Streams { authenticator: self.authenticator.clone(), ..Streams::default() };
+        let streams = Streams { authenticator: session.authenticator.clone(), ..Streams::default() };
         let (streams, to_serve) = (Arc::new(streams), Arc::new(to_serve));
         let serve = |key: &str| {
             let (known, to_serve) = (Arc::clone(&streams), Arc::clone(&to_serve));
             let on_query = move |query| known.hear(query, &to_serve);
-            let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
+            let queryable = session.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
             queryable.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })
         };
-        let queryables = [serve(key)?, serve(&key::of_session(key, &self.id()))?];
-        let answering = self.answering.clone();
-        Ok(Server { requests, streams, sending: JoinSet::new(), answering, _queryables: queryables })
+        let queryables = [serve(key)?, serve(&key::of_session(key, &session.id()))?];
+        let answering = session.answering.clone();
+        Ok(Self { requests, streams, sending: JoinSet::new(), answering, _queryables: queryables })
     }
 
-    /// Waits until each caller of a complete stream has taken the whole stream.
-    ///
-    /// # Cancellation
-    /// Safe.
-    pub async fn answered(&self) {
-        self.answering.closed().await;
-    }
-}
-
-impl Server {
     /// Returns the next call; none once the session is closed.
     ///
     /// # Cancellation
