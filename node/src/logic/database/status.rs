@@ -7,6 +7,7 @@ use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::past::Past;
+use dbmanager::logic::view::status::Lag;
 use std::time::Duration;
 
 /// How long a replica is considered present after a message from it.
@@ -19,7 +20,6 @@ impl Database {
         let races = self.derived.races.of(&past);
         let (state, log, stable) = (self.readable().state, self.replica.log(), self.replica.stable());
         let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
-        let past = Past { log, state };
         let (version, mine) = (log.vector(), self.replica.origin());
         let member = |(origin, robot): (_, &str)| {
             let none = VersionVector::default();
@@ -28,7 +28,7 @@ impl Database {
                 robot: robot.to_owned(),
                 origin,
                 heard: self.heard.get(&origin).map(|heard| now.since(heard.at)),
-                lacks: past.lag(said),
+                lacks: Lag::of(log, said),
                 ahead: missing(said, version),
                 pins: stable.pinned_by.contains(&origin),
                 clock: self.heard.get(&origin).and_then(|heard| heard.walls).map(|(theirs, ours)| clock(theirs, ours)),
