@@ -384,6 +384,16 @@ impl Client {
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
+    /// Asks every node for its status. Prints a warning for each node that does not answer.
+    pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
+        self.statuses_noted(console::note).await
+    }
+
+    /// Does the same as [`Client::statuses`]; `note` receives the warnings.
+    pub(crate) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
+        Statuses::ask(self, note).await
+    }
+
     /// Returns every node that can be reached.
     pub(crate) async fn all(&self) -> Result<BTreeSet<String>, Failure> {
         match self.listed().await {

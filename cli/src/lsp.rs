@@ -6,9 +6,9 @@
 //! advance, so no result is out of date.
 
 mod answer;
-mod client;
 mod convert;
 mod disk;
+mod editor;
 mod inbox;
 mod interfaces;
 mod lens;

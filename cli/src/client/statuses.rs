@@ -4,7 +4,7 @@ use super::{ANSWER_WITHIN, Answers, Client, unasked, words};
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::time::Time;
-use node::console::{self, Failure};
+use node::console::Failure;
 use node::logic::protocol::{Answer, NodeStatus, Request};
 use std::collections::BTreeSet;
 
@@ -19,26 +19,21 @@ pub(crate) struct Statuses {
     pub(crate) missed: BTreeSet<String>,
 }
 
-impl Client {
-    /// Asks every node at once for its status, and then the nodes that only other nodes have named. Prints a warning
-    /// for each node that does not answer.
-    pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
-        self.statuses_noted(console::note).await
-    }
-
-    /// Does the same as [`Client::statuses`]; `note` receives the warnings.
-    pub(crate) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
-        let hosts = self.all().await?;
-        let mut found = self.statuses_of(&hosts, note).await;
+impl Statuses {
+    /// Asks every node at once for its status, and then the nodes that only other nodes have named. `note` receives a
+    /// warning for each node that does not answer.
+    pub(super) async fn ask(client: &Client, note: fn(&str)) -> Result<Self, Failure> {
+        let hosts = client.all().await?;
+        let mut found = Self::of(client, &hosts, note).await;
         // If a node has just vanished from the network, the other nodes miss it only a little later.
         let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
-        let Statuses { nodes, silent, .. } = self.statuses_of(&(&named - &hosts), note).await;
+        let Self { nodes, silent, .. } = Self::of(client, &(&named - &hosts), note).await;
         found.nodes.extend(nodes);
         found.silent.extend(silent);
         // A missed node may be back by now. If not, the nodes that miss it report this.
         let asked = &named | &hosts;
         let missed: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.missing.iter().cloned()).collect();
-        let Statuses { nodes, silent, .. } = self.statuses_of(&(&missed - &asked), |_| {}).await;
+        let Self { nodes, silent, .. } = Self::of(client, &(&missed - &asked), |_| {}).await;
         found.nodes.extend(nodes);
         found.missed.extend(silent);
         found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
@@ -56,10 +51,10 @@ impl Client {
         Ok(found)
     }
 
-    async fn statuses_of(&self, hosts: &BTreeSet<String>, note: fn(&str)) -> Statuses {
-        let asked: Vec<_> = hosts.iter().map(|host| (self.ask_on(host, &Request::Status), host)).collect();
+    async fn of(client: &Client, hosts: &BTreeSet<String>, note: fn(&str)) -> Self {
+        let asked: Vec<_> = hosts.iter().map(|host| (client.ask_on(host, &Request::Status), host)).collect();
         let deadline = clock::now() + ANSWER_WITHIN;
-        let mut found = Statuses::default();
+        let mut found = Self::default();
         for (answers, host) in asked {
             let status = match answers {
                 Ok(answers) => status(answers, deadline).await,

@@ -6,10 +6,10 @@ use super::workspace::{Document, is_file};
 use language::ide::{Analysis, FileEdit, rename};
 use language::{Diagnostic, Edit, Fix, Origin, Source, Span, apply_fixes, format};
 use lsp_types::{
-    CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CodeLensRequest,
-    CompletionParams, CompletionRequest, CompletionResponse, Contents, Definition, DefinitionParams, DefinitionRequest,
-    DefinitionResponse, DocumentFormattingParams, DocumentFormattingRequest, DocumentHighlight,
-    DocumentHighlightParams, DocumentHighlightRequest, DocumentSymbolParams, DocumentSymbolRequest,
+    CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CodeLens, CodeLensParams,
+    CodeLensRequest, Command, CompletionParams, CompletionRequest, CompletionResponse, Contents, Definition,
+    DefinitionParams, DefinitionRequest, DefinitionResponse, DocumentFormattingParams, DocumentFormattingRequest,
+    DocumentHighlight, DocumentHighlightParams, DocumentHighlightRequest, DocumentSymbolParams, DocumentSymbolRequest,
     DocumentSymbolResponse, ErrorCodes, FoldingRange, FoldingRangeParams, FoldingRangeRequest, Hover, HoverParams,
     HoverRequest, Location, MarkupContent, MarkupKind, Position, PrepareRenameParams, PrepareRenamePlaceholder,
     PrepareRenameRequest, PrepareRenameResult, ReferenceParams, ReferencesRequest, RenameParams, RenameRequest,
@@ -70,22 +70,22 @@ impl Server {
     }
 
     fn place(&mut self, at: &TextDocumentPositionParams) -> Result<Place<'_>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let (document, analysis) = self.document(&at.text_document.uri.0)?;
         let offset = document.lines.offset(&document.text, at.position, encoding);
         Ok(Place { document, analysis, offset })
     }
 
     fn completion(&mut self, params: &CompletionParams) -> Result<Option<CompletionResponse>, Refusal> {
-        let client = self.client.clone();
+        let editor = self.editor.clone();
         let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
         let (bytes, offers) = analysis.complete(offset);
-        let range = document.lines.range(&document.text, bytes, client.encoding);
-        Ok(Some(convert::completion(offers, range, &client).into()))
+        let range = document.lines.range(&document.text, bytes, editor.encoding);
+        Ok(Some(convert::completion(offers, range, &editor).into()))
     }
 
     fn hover(&mut self, params: &HoverParams) -> Result<Option<Hover>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
         Ok(analysis.hover(offset).map(|hover| Hover {
             range: Some(range(analysis.spec(), &document.lines, hover.span, encoding)),
@@ -104,12 +104,12 @@ impl Server {
     fn location(&self, analysis: &Analysis, span: Span) -> Result<Location, Refusal> {
         let source = analysis.source(span);
         if is_file(source, analysis) {
-            return Ok(convert::location(&self.workspace, source, span, self.client.encoding));
+            return Ok(convert::location(&self.workspace, source, span, self.editor.encoding));
         }
         let shown = self.workspace.interfaces.show(source);
         let name = shown.map_err(|error| Refusal::failed(format!("the interface cannot be shown: {error}")))?;
         let source = Source { name, ..source.clone() };
-        Ok(convert::location(&self.workspace, &source, span, self.client.encoding))
+        Ok(convert::location(&self.workspace, &source, span, self.editor.encoding))
     }
 
     fn references(&mut self, params: &ReferenceParams) -> Result<Option<Vec<Location>>, Refusal> {
@@ -128,7 +128,7 @@ impl Server {
     }
 
     fn highlight(&mut self, params: &DocumentHighlightParams) -> Result<Option<Vec<DocumentHighlight>>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
         let Some(declaration) = analysis.declaration(offset) else { return Ok(None) };
         let places = analysis.references(&declaration).into_iter().filter(|span| span.origin == Origin::Spec);
@@ -138,7 +138,7 @@ impl Server {
     }
 
     fn prepare_rename(&mut self, params: &PrepareRenameParams) -> Result<Option<PrepareRenameResult>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
         let span = analysis.prepare_rename(offset).map_err(|error| Refusal::failed(error.to_string()))?;
         let placeholder = document.text.get(span.start as usize..span.end as usize).unwrap_or_default().to_owned();
@@ -154,12 +154,27 @@ impl Server {
         let users = self.workspace.users(&declaration.file);
         let users: Vec<&Analysis> = users.iter().map(Rc::as_ref).collect();
         let edits = rename(&users, &declaration, &params.new_name).map_err(refused)?;
-        Ok(Some(convert::workspace_edit(edits, &self.workspace, &self.client)))
+        Ok(Some(convert::workspace_edit(edits, &self.workspace, &self.editor)))
+    }
+
+    /// Returns the line above each `verify` block.
+    fn lenses(&mut self, params: &CodeLensParams) -> Result<Option<Vec<CodeLens>>, Refusal> {
+        let (uri, encoding) = (&params.text_document.uri.0, self.editor.encoding);
+        let (_, analysis) = self.document(uri)?;
+        let Some(titles) = self.proofs.titles(uri, &analysis) else { return Ok(None) };
+        let (document, analysis) = self.document(uri)?;
+        let lens = |(block, title): (Span, String)| {
+            let first = Span { end: block.start, ..block };
+            let command = Command { title, tooltip: None, command: String::new(), arguments: None };
+            let range = range(analysis.spec(), &document.lines, first, encoding);
+            CodeLens { range, command: Some(command), data: None }
+        };
+        Ok(Some(titles.into_iter().map(lens).collect()))
     }
 
     /// Returns the fixes for the mistakes in a range, and one fix for all mistakes.
     fn actions(&mut self, params: &CodeActionParams) -> Result<Option<Vec<CodeActionResponse>>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
         let offset = |position: Position| document.lines.offset(&document.text, position, encoding);
         let (start, end) = (offset(params.range.start), offset(params.range.end));
@@ -189,13 +204,13 @@ impl Server {
     /// Returns the fix of a diagnostic, and its choices.
     fn quick_fixes(&self, found: &Diagnostic, analysis: &Analysis) -> Vec<CodeAction> {
         let Some(document) = self.workspace.open_from(&analysis.spec().name) else { return Vec::new() };
-        let shown = convert::diagnostic(found, analysis.spec(), &document.lines, Vec::new(), &self.client);
+        let shown = convert::diagnostic(found, analysis.spec(), &document.lines, Vec::new(), &self.editor);
         let action = |fix: &Fix, is_preferred: Option<bool>| CodeAction {
             title: fix.title.clone(),
             kind: Some(CodeActionKind::QuickFix),
             diagnostics: Some(vec![shown.clone()]),
             is_preferred,
-            edit: Some(convert::workspace_edit(file_edits(fix, analysis), &self.workspace, &self.client)),
+            edit: Some(convert::workspace_edit(file_edits(fix, analysis), &self.workspace, &self.editor)),
             ..CodeAction::default()
         };
         let certain = found.fix.iter().map(|fix| action(fix, Some(true)));
@@ -207,7 +222,7 @@ impl Server {
         CodeAction {
             title: format!("{} (verified)", repair.fix.title),
             kind: Some(CodeActionKind::QuickFix),
-            edit: Some(convert::workspace_edit(file_edits(&repair.fix, analysis), &self.workspace, &self.client)),
+            edit: Some(convert::workspace_edit(file_edits(&repair.fix, analysis), &self.workspace, &self.editor)),
             ..CodeAction::default()
         }
     }
@@ -222,27 +237,27 @@ impl Server {
         (fixed != spec.text).then(|| CodeAction {
             title: "apply every fix that is the only possible correction".to_owned(),
             kind: Some(CodeActionKind::from("source.fixAll.dca".to_owned())),
-            edit: Some(convert::workspace_edit(vec![edit], &self.workspace, &self.client)),
+            edit: Some(convert::workspace_edit(vec![edit], &self.workspace, &self.editor)),
             ..CodeAction::default()
         })
     }
 
     fn outline(&mut self, params: &DocumentSymbolParams) -> Result<Option<DocumentSymbolResponse>, Refusal> {
-        let client = self.client.clone();
+        let editor = self.editor.clone();
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
-        let symbols = convert::outline(analysis.outline(), &analysis, &document.lines, &client);
+        let symbols = convert::outline(analysis.outline(), &analysis, &document.lines, &editor);
         Ok(Some(DocumentSymbolResponse::DocumentSymbolList(symbols)))
     }
 
     fn tokens(&mut self, params: &SemanticTokensParams) -> Result<Option<SemanticTokens>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
         let data = convert::tokens(&analysis.highlights(), &document.text, &document.lines, encoding);
         Ok(Some(SemanticTokens { result_id: None, data }))
     }
 
     fn folds(&mut self, params: &FoldingRangeParams) -> Result<Option<Vec<FoldingRange>>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
         let folds = analysis.folds().into_iter().filter_map(|span| {
             let range = range(analysis.spec(), &document.lines, span, encoding);
@@ -253,7 +268,7 @@ impl Server {
     }
 
     fn formatting(&mut self, params: &DocumentFormattingParams) -> Result<Option<Vec<TextEdit>>, Refusal> {
-        let encoding = self.client.encoding;
+        let encoding = self.editor.encoding;
         let (document, analysis) = self.document(&params.text_document.uri.0)?;
         let damaged = |_: Vec<Diagnostic>| Refusal::failed("a text with syntax errors is not formatted");
         let formatted = format(analysis.spec()).map_err(damaged)?;

@@ -1,7 +1,7 @@
 //! Converts results of the language to types of the protocol.
 
-use super::client::Client;
 use super::disk;
+use super::editor::Editor;
 use super::position::{Encoding, Lines, number};
 use super::workspace::Workspace;
 use language::ide::{Analysis, Class, Completion, CompletionKind, FileEdit, Highlight, OutlineKind, Symbol};
@@ -43,20 +43,20 @@ pub(super) fn diagnostic(
     source: &Source,
     lines: &Lines,
     reasons: Vec<DiagnosticRelatedInformation>,
-    client: &Client,
+    editor: &Editor,
 ) -> lsp_types::Diagnostic {
     let mut message = found.message.clone();
     let label = Some(&found.primary.text).filter(|text| !text.is_empty()).cloned();
     let told = |label: &Label| (!label.text.is_empty()).then(|| format!("note: {}", label.text));
     let notes: Vec<String> =
-        if client.related { Vec::new() } else { found.secondary.iter().filter_map(told).collect() };
+        if editor.related { Vec::new() } else { found.secondary.iter().filter_map(told).collect() };
     let help = found.help.iter().map(|help| format!("help: {help}"));
     for line in label.into_iter().chain(notes).chain(help) {
         message.push('\n');
         message.push_str(&line);
     }
     lsp_types::Diagnostic {
-        range: range(source, lines, found.primary.span, client.encoding),
+        range: range(source, lines, found.primary.span, editor.encoding),
         severity: Some(severity(found)),
         code: Some(found.code.as_str().to_owned().into()),
         source: Some("dca".to_owned()),
@@ -76,9 +76,9 @@ fn severity(found: &Diagnostic) -> DiagnosticSeverity {
 }
 
 /// Returns the completions in this order. Each replaces the typed text.
-pub(super) fn completion(offers: Vec<Completion>, range: Range, client: &Client) -> Vec<CompletionItem> {
+pub(super) fn completion(offers: Vec<Completion>, range: Range, editor: &Editor) -> Vec<CompletionItem> {
     let item = |(place, offer): (usize, Completion)| {
-        let snippet = offer.snippet.filter(|_| client.snippets);
+        let snippet = offer.snippet.filter(|_| editor.snippets);
         let format = if snippet.is_some() { InsertTextFormat::Snippet } else { InsertTextFormat::PlainText };
         let new_text = snippet.unwrap_or_else(|| offer.label.clone());
         let edit = TextEdit { range, new_text };
@@ -112,7 +112,7 @@ fn completion_kind(kind: CompletionKind) -> CompletionItemKind {
 }
 
 /// Returns edits of files. The edits of an open file contain the version of the text that they fit.
-pub(super) fn workspace_edit(edits: Vec<FileEdit>, workspace: &Workspace, client: &Client) -> WorkspaceEdit {
+pub(super) fn workspace_edit(edits: Vec<FileEdit>, workspace: &Workspace, editor: &Editor) -> WorkspaceEdit {
     let mut files: BTreeMap<String, Vec<TextEdit>> = BTreeMap::new();
     let mut texts: BTreeMap<String, (String, Lines)> = BTreeMap::new();
     for edit in edits {
@@ -121,11 +121,11 @@ pub(super) fn workspace_edit(edits: Vec<FileEdit>, workspace: &Workspace, client
             let lines = Lines::new(&text);
             (text, lines)
         });
-        let range = lines.range(text, edit.start as usize..edit.end as usize, client.encoding);
+        let range = lines.range(text, edit.start as usize..edit.end as usize, editor.encoding);
         files.entry(edit.file).or_default().push(TextEdit { range, new_text: edit.text });
     }
     let uri = |path: &str| workspace.open_from(path).map_or_else(|| disk::uri(path), |open| open.uri.clone());
-    if !client.versioned_edits {
+    if !editor.versioned_edits {
         let changes: HashMap<Uri, Vec<TextEdit>> =
             files.into_iter().map(|(path, edits)| (Uri(uri(&path)), edits)).collect();
         return WorkspaceEdit { changes: Some(changes), ..WorkspaceEdit::default() };
@@ -148,9 +148,9 @@ pub(super) fn outline(
     symbols: Vec<Symbol>,
     analysis: &Analysis,
     lines: &Lines,
-    client: &Client,
+    editor: &Editor,
 ) -> Vec<DocumentSymbol> {
-    let place = |span| range(analysis.spec(), lines, span, client.encoding);
+    let place = |span| range(analysis.spec(), lines, span, editor.encoding);
     let symbols = symbols.into_iter().map(|symbol| DocumentSymbol {
         name: symbol.name,
         detail: Some(symbol.detail).filter(|detail| !detail.is_empty()),
@@ -168,7 +168,7 @@ pub(super) fn outline(
         deprecated: None,
         range: place(symbol.span),
         selection_range: place(symbol.name_span),
-        children: Some(outline(symbol.children, analysis, lines, client)),
+        children: Some(outline(symbol.children, analysis, lines, editor)),
     });
     symbols.collect()
 }

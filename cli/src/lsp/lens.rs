@@ -3,14 +3,11 @@
 //! A separate thread computes the results within limits, at most once for each text. The next version of the text
 //! cancels the thread. So a person who types never waits for a proof.
 
-use super::convert::range;
 use super::inbox::Event;
-use super::server::{Refusal, Server};
 use comms::io::clock;
 use comms::logic::time::Time;
 use language::ide::Analysis;
 use language::{Options, Source, Span, compile_with_sites};
-use lsp_types::{CodeLens, CodeLensParams, Command};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::sync::Arc;
@@ -28,7 +25,7 @@ const TIME: Duration = Duration::from_secs(5);
 const NAMED_MAX: usize = 3;
 
 /// The line above each block.
-type Titles = Vec<(Span, String)>;
+pub(super) type Titles = Vec<(Span, String)>;
 
 /// Results of a thread about a text.
 #[derive(Debug)]
@@ -68,6 +65,17 @@ pub(super) struct Proofs {
 impl Proofs {
     pub(super) fn new(events: SyncSender<Event>) -> Self {
         Self { events, documents: BTreeMap::new(), next: 0 }
+    }
+
+    /// Returns the line above each block of a text. If it has no block that can be proved, cancels the computation for it.
+    pub(super) fn titles(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<Titles> {
+        let blocks = analysis.blocks_to_prove();
+        if blocks.is_empty() || analysis.plan().is_none() {
+            self.forget(uri);
+            return None;
+        }
+        let under_way = || blocks.iter().map(|block| (*block, "being proved …".to_owned())).collect();
+        Some(self.of(uri, analysis).and_then(|known| known.titles.clone()).unwrap_or_else(under_way))
     }
 
     /// Returns the results that are known now. If the text is new, begins to compute them.
@@ -126,29 +134,6 @@ impl Proofs {
 impl Drop for Proofs {
     fn drop(&mut self) {
         self.documents.values().for_each(|known| known.is_called_off.store(true, Ordering::Relaxed));
-    }
-}
-
-impl Server {
-    /// Returns the line above each `verify` block.
-    pub(super) fn lenses(&mut self, params: &CodeLensParams) -> Result<Option<Vec<CodeLens>>, Refusal> {
-        let (uri, encoding) = (&params.text_document.uri.0, self.client.encoding);
-        let (_, analysis) = self.document(uri)?;
-        let blocks = analysis.blocks_to_prove();
-        if blocks.is_empty() || analysis.plan().is_none() {
-            self.proofs.forget(uri);
-            return Ok(None);
-        }
-        let under_way = || blocks.iter().map(|block| (*block, "being proved …".to_owned())).collect();
-        let titles = self.proofs.of(uri, &analysis).and_then(|known| known.titles.clone()).unwrap_or_else(under_way);
-        let (document, analysis) = self.document(uri)?;
-        let lens = |(block, title): (Span, String)| {
-            let first = Span { end: block.start, ..block };
-            let command = Command { title, tooltip: None, command: String::new(), arguments: None };
-            let range = range(analysis.spec(), &document.lines, first, encoding);
-            CodeLens { range, command: Some(command), data: None }
-        };
-        Ok(Some(titles.into_iter().map(lens).collect()))
     }
 }
 

@@ -116,17 +116,17 @@ impl Server {
     }
 
     fn remark(&self, found: &Diagnostic, source: &Source, lines: &Lines, analysis: &Analysis) -> lsp_types::Diagnostic {
-        let reasons = match self.client.related {
+        let reasons = match self.editor.related {
             true => found.secondary.iter().filter_map(|label| self.reason(label.span, &label.text, analysis)).collect(),
             false => Vec::new(),
         };
-        convert::diagnostic(found, source, lines, reasons, &self.client)
+        convert::diagnostic(found, source, lines, reasons, &self.editor)
     }
 
     fn reason(&self, span: Span, text: &str, analysis: &Analysis) -> Option<DiagnosticRelatedInformation> {
         let source = analysis.source(span);
         let is_shown = !text.is_empty() && is_file(source, analysis);
-        let location = is_shown.then(|| convert::location(&self.workspace, source, span, self.client.encoding))?;
+        let location = is_shown.then(|| convert::location(&self.workspace, source, span, self.editor.encoding))?;
         Some(DiagnosticRelatedInformation { location, message: text.to_owned() })
     }
 }

@@ -1,7 +1,7 @@
 //! The language server: its states, and which part answers which request.
 
-use super::client::Client;
 use super::convert::{TOKEN_MODIFIERS, TOKEN_TYPES};
+use super::editor::Editor;
 use super::interfaces::{InterfaceReply, Interfaces};
 use super::lens::{ProofReply, Proofs};
 use super::position::Encoding;
@@ -52,7 +52,7 @@ impl Refusal {
 /// A language server for one editor.
 pub(super) struct Server {
     state: State,
-    pub(super) client: Client,
+    pub(super) editor: Editor,
     pub(super) workspace: Workspace,
     pub(super) published: Published,
     pub(super) proofs: Proofs,
@@ -61,7 +61,7 @@ pub(super) struct Server {
 impl Server {
     pub(super) fn new(interfaces: Interfaces, proofs: Proofs) -> Self {
         let workspace = Workspace::new(interfaces);
-        Self { state: State::Fresh, client: Client::default(), workspace, published: Published::default(), proofs }
+        Self { state: State::Fresh, editor: Editor::default(), workspace, published: Published::default(), proofs }
     }
 
     pub(super) fn state(&self) -> State {
@@ -109,7 +109,7 @@ impl Server {
     }
 
     fn refresh_lenses(&self, replies: &mut Vec<Reply>) {
-        if self.client.refreshes_lenses {
+        if self.editor.refreshes_lenses {
             replies.push(json!({"jsonrpc": "2.0", "id": "lenses", "method": "workspace/codeLens/refresh"}));
         }
     }
@@ -133,10 +133,10 @@ impl Server {
     }
 
     fn initialize(&mut self, params: &Value) -> Value {
-        self.client = Client::new(params);
-        self.workspace.set_folders(&self.client.folders);
+        self.editor = Editor::new(params);
+        self.workspace.set_folders(&self.editor.folders);
         self.state = State::Ready;
-        let encoding = if self.client.encoding == Encoding::Utf8 { "utf-8" } else { "utf-16" };
+        let encoding = if self.editor.encoding == Encoding::Utf8 { "utf-8" } else { "utf-16" };
         json!({
             "serverInfo": {"name": "dca", "version": env!("CARGO_PKG_VERSION")},
             "capabilities": {
@@ -171,7 +171,7 @@ impl Server {
         }
         self.published.is_stale = true;
         match method {
-            "initialized" if self.client.watches => replies.push(watch()),
+            "initialized" if self.editor.watches => replies.push(watch()),
             "textDocument/didOpen" => {
                 let document = read::<DidOpenTextDocumentParams>(params)?.text_document;
                 let opened = self.workspace.open(document.uri.0, document.version, document.text);
@@ -180,7 +180,7 @@ impl Server {
             "textDocument/didChange" => {
                 let DidChangeTextDocumentParams { text_document, content_changes } = read(params)?;
                 let uri = &text_document.text_document_identifier.uri.0;
-                self.workspace.change(uri, text_document.version, content_changes, self.client.encoding);
+                self.workspace.change(uri, text_document.version, content_changes, self.editor.encoding);
             }
             "textDocument/didClose" => {
                 let closed: DidCloseTextDocumentParams = read(params)?;

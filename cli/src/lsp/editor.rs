@@ -5,7 +5,7 @@ use serde_json::Value;
 
 /// The capabilities that an editor has announced.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Client {
+pub(super) struct Editor {
     /// The unit in which columns are counted.
     pub(super) encoding: Encoding,
     /// Whether it fills in snippets.
@@ -22,7 +22,7 @@ pub(super) struct Client {
     pub(super) folders: Vec<String>,
 }
 
-impl Client {
+impl Editor {
     /// Reads the parameters of `initialize`. A capability that is missing or invalid counts as absent.
     pub(super) fn new(params: &Value) -> Self {
         let is = |path: &str| params.pointer(path).and_then(Value::as_bool).unwrap_or(false);
