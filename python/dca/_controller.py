@@ -13,7 +13,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from . import _dca
 from ._declared import Declared, R
 from ._message import encode, message_type
-from ._messaging import _Keys, _Station
+from ._messaging import Lock, LockUser, Queue, Sender, Subscriber, _Keys, _Station
 from ._quantity import name_of
 
 A = TypeVar("A")
@@ -248,6 +248,42 @@ def _bytes(value: Any) -> bytes:
     return bytes(value) if isinstance(value, (bytes, bytearray, memoryview)) else encode(value)
 
 
+class _Members:
+    """The attributes of a class that are declarations, its own and those of its bases."""
+
+    def __init__(self, cls: type[Any]) -> None:
+        declared = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
+        self.ports = [value for value in declared.values() if isinstance(value, _Port)]
+        self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
+        self.calls = [value for value in declared.values() if isinstance(value, Calls)]
+        self.stations = [value for value in declared.values() if isinstance(value, _Station)]
+        self.keys = [value for value in declared.values() if isinstance(value, _Keys)]
+        databases = [value for value in declared.values() if isinstance(value, Database)]
+        if len(databases) > 1:
+            raise TypeError(f"{cls.__name__}: a controller has one dca.Database")
+        self.database = databases[0].attribute if databases else None
+        found = (getattr(value, _EXPORT, None) for value in declared.values())
+        self.exports = [one for one in found if isinstance(one, _Export)]
+        self._check(cls)
+
+    def _check(self, cls: type[Any]) -> None:
+        names = [one.name for one in [*self.ports, *self.parameters, *self.calls, *self.exports, *self.keys]]
+        names += [name for station in self.stations for name in station.names]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise TypeError(f"{cls.__name__}: there are two `{min(twice)}`")
+        locks = [station.attribute for station in self.stations if isinstance(station, Lock)]
+        for queue in (station for station in self.stations if isinstance(station, Queue)):
+            if queue.lock is not None and queue.lock not in locks:
+                raise TypeError(f"{cls.__name__}: the queue `{queue.name}` has a lock `{queue.lock}`, which is not one of its dca.Lock")
+
+    def triggers(self) -> list[str]:
+        """The names of the inputs and calls, whose values and answers can trigger a calculation."""
+        names = [port.name for port in self.ports if port.is_input] + [one.name for one in self.calls]
+        names += [one.name for one in self.stations if isinstance(one, (Sender, LockUser, Subscriber))]
+        names += [one.name for one in self.keys if one.kind != "writer"]
+        return names + (["database"] if self.database else [])
+
+
 class Declaration:
     """The declaration of a class. The native half reads the attributes of this object."""
 
@@ -264,39 +300,16 @@ class Declaration:
         start = None if about["starts_with"] is None else message_type(about["starts_with"])
         outcomes = [(tag, None if kind is None else message_type(kind).name) for tag, kind in about["outcomes"].items()]
         self.values = (start, outcomes)
-        declared = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
-        self.ports = [value for value in declared.values() if isinstance(value, _Port)]
-        self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
-        self.calls = [value for value in declared.values() if isinstance(value, Calls)]
-        self.stations = [value for value in declared.values() if isinstance(value, _Station)]
-        self.keys = [value for value in declared.values() if isinstance(value, _Keys)]
-        databases = [value for value in declared.values() if isinstance(value, Database)]
-        if len(databases) > 1:
-            raise TypeError(f"{cls.__name__}: a controller has one dca.Database")
-        self.database = databases[0].attribute if databases else None
-        found = (getattr(value, _EXPORT, None) for value in declared.values())
-        self.exports = [one for one in found if isinstance(one, _Export)]
+        self.members = _Members(cls)
         self._check()
 
     def _check(self) -> None:
-        names = [one.name for one in [*self.ports, *self.parameters, *self.calls, *self.exports, *self.keys]]
-        names += [name for station in self.stations for name in station.names]
-        if twice := {name for name in names if names.count(name) > 1}:
-            raise TypeError(f"{self.cls.__name__}: there are two `{min(twice)}`")
-        inputs = [port.name for port in self.ports if port.is_input] + [one.name for one in self.calls]
-        inputs += [one.name for one in self.stations if one.kind in ("sender", "lock user", "subscriber")]
-        inputs += [one.name for one in self.keys if one.kind != "writer"]
-        inputs += ["database"] if self.database else []
-        if self.triggered_by is not None and self.triggered_by not in inputs:
+        if self.triggered_by is not None and self.triggered_by not in self.members.triggers():
             raise TypeError(f"{self.cls.__name__}: triggered_by `{self.triggered_by}`, which is not one of its inputs or calls")
         if not callable(getattr(self.cls, "main_calc", None)):
             raise TypeError(f"{self.cls.__name__}: a controller has a method `main_calc(self, tick)`")
         if self.signals_every is not None and not callable(getattr(self.cls, "signals", None)):
             raise TypeError(f"{self.cls.__name__}: signals_every needs a method `signals(self)`")
-        locks = [station.attribute for station in self.stations if station.kind == "lock"]
-        for station in self.stations:
-            if station.lock is not None and station.lock not in locks:
-                raise TypeError(f"{self.cls.__name__}: the queue `{station.name}` has a lock `{station.lock}`, which is not one of its dca.Lock")
         # So a wrong name, period or parameter is reported at the class definition.
         _dca.interface([self])
 
@@ -312,7 +325,7 @@ class Declaration:
 
     def set(self, controller: Any, values: dict[str, Any]) -> None:
         """Sets the parameters of an instance; `values` has them by name."""
-        for one in self.parameters:
+        for one in self.members.parameters:
             setattr(controller, one.attribute, one.attribute_value(values[one.name]))
 
 

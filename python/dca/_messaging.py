@@ -42,14 +42,8 @@ class _Station(Declared[R]):
     """The declaration of a station. In an instance of the class, the station itself replaces it."""
 
     kind = ""
-
-    def __init__(self, message: type[Any] | None, *, name: str | None, doc: str) -> None:
-        super().__init__(name, doc=doc)
-        self.message = None if message is None else message_type(message)
-        self.capacity, self.full, self.lock = 1, "reject", None
-        self.lease, self.preempt_after = 1.0, None
-        self.status: str | None = None
-        self.filters: Sequence[Filter] = ()
+    status: str | None = None
+    """The name of the state that shows the station to people; none without such a state."""
 
     @property
     def names(self) -> list[str]:
@@ -77,7 +71,8 @@ class Queue(_Station["_dca.Queue[T]"], Generic[T]):
         name: str | None = None,
         doc: str = "",
     ) -> None:
-        super().__init__(message, name=name, doc=doc)
+        super().__init__(name, doc=doc)
+        self.message = message_type(message)
         if full not in _FULL:
             raise TypeError(f"`{full}` is not what a full queue does: {', '.join(_FULL)}")
         self.capacity, self.full, self.lock, self.status = _capacity(capacity), full, lock, status
@@ -89,8 +84,8 @@ class Sender(_Station["_dca.Sender[T]"], Generic[T]):
     kind = "sender"
 
     def __init__(self, message: type[T], *, optional: bool = False, name: str | None = None, doc: str = "") -> None:
-        super().__init__(message, name=name, doc=doc)
-        self.is_optional = optional
+        super().__init__(name, optional=optional, doc=doc)
+        self.message = message_type(message)
 
 
 class Lock(_Station["_dca.Lock"]):
@@ -111,7 +106,7 @@ class Lock(_Station["_dca.Lock"]):
         name: str | None = None,
         doc: str = "",
     ) -> None:
-        super().__init__(None, name=name, doc=doc)
+        super().__init__(name, doc=doc)
         self.lease = _span(lease, "lease")
         self.preempt_after = None if preempt_after is None else _span(preempt_after, "preempt_after")
         self.status = status
@@ -123,8 +118,7 @@ class LockUser(_Station["_dca.LockUser"]):
     kind = "lock user"
 
     def __init__(self, *, optional: bool = False, name: str | None = None, doc: str = "") -> None:
-        super().__init__(None, name=name, doc=doc)
-        self.is_optional = optional
+        super().__init__(name, optional=optional, doc=doc)
 
 
 class Router(_Station["_dca.Router[T]"], Generic[T]):
@@ -135,8 +129,9 @@ class Router(_Station["_dca.Router[T]"], Generic[T]):
     def __init__(
         self, message: type[T], *, outbox: int = 64, status: str | None = None, name: str | None = None, doc: str = ""
     ) -> None:
-        super().__init__(message, name=name, doc=doc)
-        self.capacity, self.status = _capacity(outbox), status
+        super().__init__(name, doc=doc)
+        self.message = message_type(message)
+        self.outbox_max, self.status = _capacity(outbox), status
 
 
 class Subscriber(_Station["_dca.Subscriber[T]"], Generic[T]):
@@ -154,8 +149,9 @@ class Subscriber(_Station["_dca.Subscriber[T]"], Generic[T]):
         name: str | None = None,
         doc: str = "",
     ) -> None:
-        super().__init__(message, name=name, doc=doc)
-        self.capacity, self.filters, self.is_optional = _capacity(capacity), list(filters), optional
+        super().__init__(name, optional=optional, doc=doc)
+        self.message = message_type(message)
+        self.capacity, self.filters = _capacity(capacity), list(filters)
 
 
 class _Keys(Declared[R]):

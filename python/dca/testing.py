@@ -115,7 +115,7 @@ class Module:
         return message.decode(values[-1][1]) if values else None
 
     def _message(self, port: str, *, is_input: bool) -> _dca.MessageType:
-        for declared in declaration(self._cls).ports:
+        for declared in declaration(self._cls).members.ports:
             if declared.name == port and declared.is_input == is_input:
                 return declared.message
         raise ValueError(f"`{self._cls.__name__}` has no {'input' if is_input else 'output'} `{port}`")
@@ -162,7 +162,7 @@ class Harness:
 
 
 def _arguments(cls: type[Any], parameters: _Parameters) -> list[str]:
-    types = {one.name: one.type_name for one in declaration(cls).parameters}
+    types = {one.name: one.type_name for one in declaration(cls).members.parameters}
     return [f"{name}={_argument(value, types.get(name))}" for name, value in parameters.items()]
 
 

@@ -4,7 +4,7 @@ use crate::calls::{CallsOf, DeclaredCalls};
 use crate::exports::{DeclaredExport, Export};
 use crate::keys::{DeclaredKeys, KeysOf};
 use crate::message::MessageType;
-use crate::messaging::{DeclaredStation, StationOf};
+use crate::messaging::StationOf;
 use crate::quantity::{si, span};
 use controllers::sdk::{
     About, Arguments, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity, StartValue,
@@ -52,14 +52,20 @@ struct Declaration {
     stop_within: Option<Py<PyAny>>,
     remembers: bool,
     signals_every: Option<Py<PyAny>>,
+    members: DeclaredMembers,
+    values: DeclaredValues,
+}
+
+/// The attributes of the class that are declarations.
+#[derive(FromPyObject)]
+struct DeclaredMembers {
     ports: Vec<DeclaredPort>,
     exports: Vec<DeclaredExport>,
     calls: Vec<DeclaredCalls>,
-    stations: Vec<DeclaredStation>,
+    stations: Vec<Py<PyAny>>,
     keys: Vec<DeclaredKeys>,
     database: Option<String>,
     parameters: Vec<DeclaredParameter>,
-    values: DeclaredValues,
 }
 
 /// The message type that an activation begins with, and its normal ends, each with the name of its message type.
@@ -95,14 +101,15 @@ impl Class {
     pub(crate) fn of(declaration: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
         let py = declaration.py();
         let declared: Declaration = declaration.extract()?;
-        let (inputs, outputs): (Vec<_>, Vec<_>) = declared.ports.into_iter().partition(|port| port.is_input);
+        let members = declared.members;
+        let (inputs, outputs): (Vec<_>, Vec<_>) = members.ports.into_iter().partition(|port| port.is_input);
         let (mut ports, mut interfaces) = (Vec::new(), Vec::new());
         for port in inputs.into_iter().chain(outputs) {
             interfaces.push(port.interface(py));
             let DeclaredPort { attribute, message, keeps_all, .. } = port;
             ports.push(Port { attribute, message: Arc::new(message), keeps_all });
         }
-        let parameters = declared.parameters.iter().map(|one| one.parameter(py)).collect::<PyResult<Vec<_>>>()?;
+        let parameters = members.parameters.iter().map(|one| one.parameter(py)).collect::<PyResult<Vec<_>>>()?;
         let DeclaredValues(start, outcomes) = declared.values;
         let outcomes = outcomes
             .into_iter()
@@ -124,13 +131,13 @@ impl Class {
         if about.schedule.period.is_zero() {
             return Err(PyValueError::new_err("`every` is 0 s: a controller has a period"));
         }
-        let exports: Vec<Export> = declared.exports.into_iter().map(|one| one.export(for_ever)).collect();
+        let exports: Vec<Export> = members.exports.into_iter().map(|one| one.export(for_ever)).collect();
         let (calls, mut call_interfaces): (Vec<_>, Vec<_>) =
-            declared.calls.into_iter().map(|one| one.calls(for_ever)).unzip();
-        let stations =
-            declared.stations.into_iter().map(|one| one.station(for_ever)).collect::<PyResult<Vec<StationOf>>>()?;
+            members.calls.into_iter().map(|one| one.calls(for_ever)).unzip();
+        let stations = members.stations.iter().map(|one| StationOf::of(one.bind(py), for_ever));
+        let stations = stations.collect::<PyResult<Vec<StationOf>>>()?;
         call_interfaces.extend(stations.iter().filter_map(StationOf::calls));
-        let keys: Vec<KeysOf> = declared.keys.into_iter().map(|one| one.keys(for_ever)).collect();
+        let keys: Vec<KeysOf> = members.keys.into_iter().map(|one| one.keys(for_ever)).collect();
         interfaces.extend(keys.iter().map(|keys| keys.interface.clone()));
         let of_stations = stations.iter().flat_map(StationOf::exports);
         let interface = Interface {
@@ -141,7 +148,7 @@ impl Class {
             calls: call_interfaces,
             inner: Vec::new(),
         };
-        let (declaration, database) = (declaration.clone().unbind(), declared.database);
+        let (declaration, database) = (declaration.clone().unbind(), members.database);
         Ok(Arc::new(Self { declaration, interface, ports, exports, calls, stations, keys, database }))
     }
 

@@ -36,17 +36,12 @@ const SIGNALS_MAX: usize = comms::logic::signals::VALUES_MAX;
 /// The trigger name for answers of the database.
 const DATABASE: &str = "database";
 
-/// An instance with its ports.
+/// An instance of a class.
 #[derive(Debug)]
 pub(crate) struct Instance {
     class: Arc<Class>,
-    inputs: Vec<Arc<InputState>>,
-    outputs: Vec<Arc<OutputState>>,
-    calls: Vec<Arc<CallState>>,
-    stations: Stations,
-    keys: Vec<Arc<KeysState>>,
+    ends: Ends,
     key_ports: KeyPorts,
-    database: Arc<DatabaseState>,
     /// The calls that the spec connects.
     connected: Vec<&'static str>,
     arguments: Arguments,
@@ -54,6 +49,17 @@ pub(crate) struct Instance {
     /// Whether an activation has already used the object.
     is_used: bool,
     last: Option<Time>,
+}
+
+/// The ports and calls of an instance, which its object has as attributes. They are in the order of the class.
+#[derive(Debug)]
+struct Ends {
+    inputs: Vec<Arc<InputState>>,
+    outputs: Vec<Arc<OutputState>>,
+    calls: Vec<Arc<CallState>>,
+    stations: Stations,
+    keys: Vec<Arc<KeysState>>,
+    database: Arc<DatabaseState>,
 }
 
 /// A signal in the form that Python returns.
@@ -72,35 +78,14 @@ impl Instance {
     /// The last line of the exception, if `__init__` raises one.
     pub(crate) fn new(class: &Arc<Class>, arguments: &Arguments) -> Result<Self, String> {
         forked::call(|py| {
-            let inputs: Vec<_> =
-                class.inputs().map(|port| InputState::new(Arc::clone(&port.message), port.keeps_all)).collect();
-            let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
-            let calls: Vec<_> = class.calls.iter().map(CallState::new).collect();
-            let database = Arc::default();
-            let stations =
-                Stations::make(py, &class.stations, arguments.instance()).map_err(|error| told(py, error))?;
-            let keys: Vec<Arc<KeysState>> = class.keys.iter().map(|_| Arc::default()).collect();
-            let ends = Ends {
-                inputs: &inputs,
-                outputs: &outputs,
-                calls: &calls,
-                stations: &stations.objects,
-                keys: &keys,
-                database: &database,
-            };
+            let ends = Ends::new(py, class, arguments).map_err(|error| told(py, error))?;
             let object = make(py, class, &ends, arguments).map_err(|error| told(py, error))?;
-            let (class, arguments, connected) = (Arc::clone(class), arguments.clone(), Vec::new());
             Ok(Self {
-                class,
-                inputs,
-                outputs,
-                calls,
-                stations,
-                keys,
+                class: Arc::clone(class),
+                ends,
                 key_ports: KeyPorts::default(),
-                database,
-                connected,
-                arguments,
+                connected: Vec::new(),
+                arguments: arguments.clone(),
                 object,
                 is_used: false,
                 last: None,
@@ -109,7 +94,7 @@ impl Instance {
     }
 
     fn find(&self, port: &str) -> Option<usize> {
-        let inputs = self.class.interface.ports.iter().take(self.inputs.len());
+        let inputs = self.class.interface.ports.iter().take(self.ends.inputs.len());
         inputs.enumerate().find(|(_, declared)| declared.name == port).map(|(at, _)| at)
     }
 
@@ -120,7 +105,7 @@ impl Instance {
             return Err(DeliveryError::NoInput { type_name: interface.type_name, port: port.to_owned() });
         };
         let declared = &interface.ports[at];
-        self.inputs[at].deliver(bytes, arrived).map_err(|refused| match refused {
+        self.ends.inputs[at].deliver(bytes, arrived).map_err(|refused| match refused {
             Refused::Malformed => DeliveryError::malformed(declared.name, declared.type_name),
             Refused::NotFinite => DeliveryError::NotFinite { port: declared.name },
         })?;
@@ -138,15 +123,17 @@ impl Instance {
     /// Delivers the values of the keys that ports are connected to.
     fn tell_news(&mut self, now: Time) {
         for (port, bytes) in self.key_ports.news(now) {
-            for (keys, declared) in self.keys.iter().zip(&self.class.keys).filter(|(_, of)| of.interface.name == port) {
+            for (keys, declared) in
+                self.ends.keys.iter().zip(&self.class.keys).filter(|(_, of)| of.interface.name == port)
+            {
                 keys.deliver(declared.interface.type_name, &bytes);
             }
         }
     }
 
     fn drain_encoded(&mut self, send: &mut dyn FnMut(&'static str, Encoded)) {
-        let ports = self.class.interface.ports.iter().skip(self.inputs.len());
-        for (output, declared) in self.outputs.iter().zip(ports) {
+        let ports = self.class.interface.ports.iter().skip(self.ends.inputs.len());
+        for (output, declared) in self.ends.outputs.iter().zip(ports) {
             if let Some(encoded) = output.take() {
                 send(declared.name, encoded);
             }
@@ -156,14 +143,14 @@ impl Instance {
 
     /// Takes the values that outputs write to keys.
     fn put_keys(&mut self) {
-        for (keys, declared) in self.keys.iter().zip(&self.class.keys) {
+        for (keys, declared) in self.ends.keys.iter().zip(&self.class.keys) {
             keys.take().iter().for_each(|bytes| self.key_ports.sent(declared.interface.name, bytes));
         }
     }
 
     /// Returns a reason for an abort, with the problems of the inputs added.
     fn explained(&self, mut reason: String) -> String {
-        for (input, declared) in self.inputs.iter().zip(&self.class.interface.ports) {
+        for (input, declared) in self.ends.inputs.iter().zip(&self.class.interface.ports) {
             if let Some(trouble) = input.trouble() {
                 reason += &format!("; `{}` {trouble}", declared.name);
             }
@@ -173,10 +160,7 @@ impl Instance {
 
     fn begin(&mut self, py: Python<'_>, value: &[u8]) -> PyResult<()> {
         if self.is_used {
-            let Self { inputs, outputs, calls, stations, keys, database, .. } = &*self;
-            let stations = &stations.objects;
-            let ends = Ends { inputs, outputs, calls, stations, keys, database };
-            self.object = make(py, &self.class, &ends, &self.arguments)?;
+            self.object = make(py, &self.class, &self.ends, &self.arguments)?;
         }
         self.is_used = true;
         let object = self.object.bind(py);
@@ -232,24 +216,24 @@ impl Module for Instance {
 
     fn lose(&mut self, port: &str, count: u64) {
         if let Some(at) = self.find(port) {
-            self.inputs[at].lose(count);
+            self.ends.inputs[at].lose(count);
         }
     }
 
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
         self.last = None;
-        self.database.renew();
-        self.database.begin(now);
-        self.outputs.iter().for_each(|output| drop(output.take()));
-        for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
+        self.ends.database.renew();
+        self.ends.database.begin(now);
+        self.ends.outputs.iter().for_each(|output| drop(output.take()));
+        for (calls, declared) in self.ends.calls.iter().zip(&self.class.interface.calls) {
             calls.begin(self.connected.contains(&declared.name));
         }
-        self.stations.begin(&self.connected);
-        self.stations.work(now);
-        self.keys.iter().for_each(|keys| keys.begin());
+        self.ends.stations.begin(&self.connected);
+        self.ends.stations.work(now);
+        self.ends.keys.iter().for_each(|keys| keys.begin());
         self.key_ports.begin(&self.class.interface.ports, now);
         let begun = forked::call(|py| self.begin(py, value).map_err(|error| told(py, error)));
-        self.stations.work(now);
+        self.ends.stations.work(now);
         begun
     }
 
@@ -271,15 +255,15 @@ impl Module for Instance {
 
     fn calculate(&mut self, now: Time) -> Progress {
         let tick = self.tick(now);
-        self.database.begin(now);
-        self.stations.work(now);
+        self.ends.database.begin(now);
+        self.ends.stations.work(now);
         self.tell_news(now);
         let progress = forked::call(|py| {
             let returned = self.object.bind(py).call_method1("main_calc", (tick,));
             returned.and_then(|returned| self.progress(&returned)).map_err(|error| told(py, error))
         });
-        self.inputs.iter().for_each(|input| input.mark_seen());
-        self.stations.work(now);
+        self.ends.inputs.iter().for_each(|input| input.mark_seen());
+        self.ends.stations.work(now);
         match progress {
             Ok(Progress::Aborted(reason)) | Err(reason) => Progress::Aborted(self.explained(reason)),
             Ok(progress @ (Progress::Continue | Progress::Done(_))) => progress,
@@ -288,8 +272,8 @@ impl Module for Instance {
 
     fn stop(&mut self, now: Time) -> Stopping {
         let tick = self.tick(now);
-        self.database.begin(now);
-        self.stations.work(now);
+        self.ends.database.begin(now);
+        self.ends.stations.work(now);
         let call = |py: Python<'_>| -> PyResult<bool> {
             let object = self.object.bind(py);
             if !object.hasattr("stop")? {
@@ -300,16 +284,16 @@ impl Module for Instance {
             Ok(returned.is_none() || returned.is_truthy()?)
         };
         let is_finished = forked::call(|py| call(py).map_err(|error| told(py, error)));
-        self.stations.work(now);
+        self.ends.stations.work(now);
         let stopping = match is_finished {
             Ok(true) => Stopping::Finished,
             Ok(false) => {
-                self.inputs.iter().for_each(|input| input.mark_seen());
+                self.ends.inputs.iter().for_each(|input| input.mark_seen());
                 return Stopping::Again;
             }
             Err(why) => Stopping::Failed(why),
         };
-        self.inputs.iter().for_each(|input| input.clear());
+        self.ends.inputs.iter().for_each(|input| input.clear());
         stopping
     }
 
@@ -326,7 +310,7 @@ impl Module for Instance {
     }
 
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
-        if let Some(station) = self.stations.server(name) {
+        if let Some(station) = self.ends.stations.server(name) {
             return station.serve(name, argument, activity, reply);
         }
         match self.class.exports.iter().find(|export| export.interface.name == name) {
@@ -347,10 +331,10 @@ impl Module for Instance {
     }
 
     fn drain_calls(&mut self, order: &mut dyn FnMut(&'static str, CallOrder)) {
-        for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
+        for (calls, declared) in self.ends.calls.iter().zip(&self.class.interface.calls) {
             calls.take().into_iter().for_each(|one| order(declared.name, one));
         }
-        self.stations.take(order);
+        self.ends.stations.take(order);
     }
 
     fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
@@ -358,15 +342,19 @@ impl Module for Instance {
         let Some(at) = interface.calls.iter().position(|declared| declared.name == call) else {
             return Delivery::Stored;
         };
-        match self.calls.get(at) {
+        match self.ends.calls.get(at) {
             Some(calls) => calls.deliver(number, result),
-            None => self.stations.caller(call).into_iter().for_each(|station| station.deliver(number, result.clone())),
+            None => {
+                if let Some(station) = self.ends.stations.caller(call) {
+                    station.deliver(number, result);
+                }
+            }
         }
         if interface.about.schedule.trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
     }
 
     fn drain_database(&mut self, order: &mut dyn FnMut(DatabaseOrder)) {
-        self.database.take().into_iter().chain(self.key_ports.orders()).for_each(order);
+        self.ends.database.take().into_iter().chain(self.key_ports.orders()).for_each(order);
     }
 
     fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
@@ -374,7 +362,7 @@ impl Module for Instance {
         let triggers = match self.key_ports.deliver(number, answer) {
             Ok(()) => trigger.is_some_and(|port| self.key_ports.feeds(port)),
             Err(answer) => {
-                self.database.deliver(number, answer);
+                self.ends.database.deliver(number, answer);
                 trigger == Some(DATABASE)
             }
         };
@@ -396,23 +384,26 @@ impl Module for Instance {
     }
 }
 
-/// The ports and calls of an instance.
-struct Ends<'a> {
-    inputs: &'a [Arc<InputState>],
-    outputs: &'a [Arc<OutputState>],
-    calls: &'a [Arc<CallState>],
-    stations: &'a [(String, Py<PyAny>)],
-    keys: &'a [Arc<KeysState>],
-    database: &'a Arc<DatabaseState>,
+impl Ends {
+    fn new(py: Python<'_>, class: &Class, arguments: &Arguments) -> PyResult<Self> {
+        Ok(Self {
+            inputs: class.inputs().map(|port| InputState::new(Arc::clone(&port.message), port.keeps_all)).collect(),
+            outputs: class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect(),
+            calls: class.calls.iter().map(CallState::new).collect(),
+            stations: Stations::make(py, &class.stations, arguments.instance())?,
+            keys: class.keys.iter().map(|_| Arc::default()).collect(),
+            database: Arc::default(),
+        })
+    }
 }
 
 /// Makes an object of the class, with ports and parameters as attributes.
-fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -> PyResult<Py<PyAny>> {
+fn make(py: Python<'_>, class: &Class, ends: &Ends, arguments: &Arguments) -> PyResult<Py<PyAny>> {
     let (attributes, values) = (PyDict::new(py), values(py, &class.interface, arguments)?);
     if let Some(attribute) = &class.database {
-        attributes.set_item(attribute, DatabaseOf(Arc::clone(ends.database)))?;
+        attributes.set_item(attribute, DatabaseOf(Arc::clone(&ends.database)))?;
     }
-    for (attribute, object) in ends.stations {
+    for (attribute, object) in &ends.stations.objects {
         attributes.set_item(attribute, object)?;
     }
     for (keys, declared) in ends.keys.iter().zip(&class.keys) {

@@ -47,22 +47,36 @@ pub(crate) trait Station: Debug + Send + Sync {
     }
 }
 
-/// The declaration, with the fields of `_messaging.py`. All kinds share one class.
+/// The part of a declaration that all stations have, with the fields of `_messaging.py`.
 #[derive(FromPyObject)]
-pub(crate) struct DeclaredStation {
+struct DeclaredStation {
     kind: String,
     name: String,
-    pub(crate) attribute: String,
+    attribute: String,
     doc: String,
-    message: Option<Py<MessageType>>,
-    capacity: usize,
+    status: Option<String>,
+    is_optional: bool,
+}
+
+#[derive(FromPyObject)]
+struct DeclaredQueue {
+    message: Py<MessageType>,
+    capacity: NonZeroUsize,
     full: String,
     lock: Option<String>,
+}
+
+#[derive(FromPyObject)]
+struct DeclaredLock {
     lease: f64,
     preempt_after: Option<f64>,
-    status: Option<String>,
+}
+
+#[derive(FromPyObject)]
+struct DeclaredSubscriber {
+    message: Py<MessageType>,
+    capacity: NonZeroUsize,
     filters: Vec<DeclaredFilter>,
-    is_optional: bool,
 }
 
 /// A filter, with the fields of `dca.Filter`.
@@ -104,40 +118,51 @@ impl From<DeclaredFilter> for Filter {
     }
 }
 
-impl DeclaredStation {
-    /// Returns the declaration; `for_ever` makes its texts live as long as the process.
-    pub(crate) fn station(self, for_ever: fn(String) -> &'static str) -> PyResult<StationOf> {
-        let capacity = NonZeroUsize::new(self.capacity).ok_or_else(|| PyValueError::new_err("the capacity is 0"))?;
+impl Kind {
+    /// Reads the part of a declaration that only stations of one kind have.
+    fn of(kind: &str, declared: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let message = || -> PyResult<_> { Ok(Arc::new(declared.getattr("message")?.extract()?)) };
         let span = |seconds: f64| {
             Duration::try_from_secs_f64(seconds).map_err(|_out_of_range| PyValueError::new_err("not a span of time"))
         };
-        let message = self.message.map(Arc::new);
-        let kind = match (self.kind.as_str(), message) {
-            ("queue", Some(message)) => {
-                let full = match self.full.as_str() {
+        Ok(match kind {
+            "queue" => {
+                let DeclaredQueue { message, capacity, full, lock } = declared.extract()?;
+                let full = match full.as_str() {
                     "drop lowest" => Full::DropLowest,
                     "drop oldest" => Full::DropOldest,
                     _ => Full::Reject,
                 };
-                Kind::Queue { message, capacity, full, lock: self.lock }
+                Self::Queue { message: Arc::new(message), capacity, full, lock }
             }
-            ("sender", Some(message)) => Kind::Sender { message },
-            ("router", Some(message)) => Kind::Router { message, outbox_max: capacity.get() },
-            ("subscriber", Some(message)) => {
-                let filters = self.filters.into_iter().map(Filter::from).collect();
-                Kind::Subscriber { message, capacity, filters }
+            "sender" => Self::Sender { message: message()? },
+            "lock" => {
+                let DeclaredLock { lease, preempt_after } = declared.extract()?;
+                Self::Lock { lease: span(lease)?, preempt_after: preempt_after.map(span).transpose()? }
             }
-            ("lock", _) => {
-                Kind::Lock { lease: span(self.lease)?, preempt_after: self.preempt_after.map(span).transpose()? }
+            "lock user" => Self::LockUser,
+            "router" => {
+                let outbox_max: NonZeroUsize = declared.getattr("outbox_max")?.extract()?;
+                Self::Router { message: message()?, outbox_max: outbox_max.get() }
             }
-            _ => Kind::LockUser,
-        };
-        let (name, status, doc) = (for_ever(self.name), self.status.map(for_ever), for_ever(self.doc));
-        Ok(StationOf { attribute: self.attribute, kind, name, status, doc, is_optional: self.is_optional })
+            "subscriber" => {
+                let DeclaredSubscriber { message, capacity, filters } = declared.extract()?;
+                let filters = filters.into_iter().map(Filter::from).collect();
+                Self::Subscriber { message: Arc::new(message), capacity, filters }
+            }
+            other => return Err(PyValueError::new_err(format!("`{other}` is not a kind of stations"))),
+        })
     }
 }
 
 impl StationOf {
+    /// Reads a declaration; `for_ever` makes its texts live as long as the process.
+    pub(crate) fn of(declared: &Bound<'_, PyAny>, for_ever: fn(String) -> &'static str) -> PyResult<Self> {
+        let DeclaredStation { kind, name, attribute, doc, status, is_optional } = declared.extract()?;
+        let (name, status, doc) = (for_ever(name), status.map(for_ever), for_ever(doc));
+        Ok(Self { attribute, kind: Kind::of(&kind, declared)?, name, status, doc, is_optional })
+    }
+
     /// Returns the exports of the station.
     pub(crate) fn exports(&self) -> Vec<ExportInterface> {
         match &self.kind {
