@@ -21,8 +21,15 @@ def test_work_has_its_result_or_its_exception():
 
 
 def test_work_runs_beside_and_has_limits():
-    go = threading.Event()
-    works = [dca.offload(go.wait, 10) for _ in range(4)]
+    go, begun = threading.Event(), threading.Semaphore(0)
+
+    def work() -> bool:
+        begun.release()
+        return go.wait(10)
+
+    works = [dca.offload(work) for _ in range(4)]
+    # Until a thread has taken it, a piece of work counts as waiting.
+    assert all(begun.acquire(timeout=10) for _ in works)
     late = [dca.offload(threading.get_ident) for _ in range(64)]
     assert not works[0].done
     with pytest.raises(RuntimeError, match="has not ended yet"):
