@@ -27,7 +27,7 @@ mod uses;
 mod value;
 
 pub(crate) use activity::is_activity;
-pub(crate) use sentences::{EVENTS, STATES, Word, is_word as is_sentence_word, words_of};
+pub(crate) use sentences::{EVENTS, STATES, Word, is_ordinal_suffix, is_word as is_sentence_word, words_of};
 
 pub(crate) use interface::{asked, exports, messages, parameters, port_types, record_types};
 

@@ -70,6 +70,18 @@ pub struct Occurrence {
     pub kind: EventKind,
 }
 
+/// The event after which a sentence requires something.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Moment {
+    /// The event.
+    pub event: Occurrence,
+    /// `the 2nd`: only this occurrence of the event counts, from 1 to [`NTH_MAX`]. Otherwise, each occurrence counts.
+    pub nth: Option<u8>,
+}
+
+/// The largest number in `after the 2nd start of p`.
+pub const NTH_MAX: u8 = 16;
+
 /// The kinds of events of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EventKind {
@@ -125,8 +137,10 @@ pub enum Sentence {
     Implies(ProcessRef, ProcessRef),
     /// `b only after a.done`
     OnlyAfter(ProcessRef, Occurrence),
-    /// `after a.done: ...`
-    After(Occurrence, Consequence),
+    /// `after a.done: ...`, `after the 2nd start of a: ...`. `once a runs: never b` is about the first start of a.
+    After(Moment, Consequence),
+    /// `once a runs: never b with c`, `once a runs: always b implies c`: the sentence holds from the first start of a on.
+    Once(ProcessRef, Box<Self>),
     /// `on crash of any: ...`
     On(Fault, Consequence),
     /// `eventually p`: on every run without faults.
@@ -189,7 +203,8 @@ impl Sentence {
     pub fn events(&self) -> Vec<&Occurrence> {
         match self {
             Self::OnlyAfter(_, event) | Self::Eventually(event) => vec![event],
-            Self::After(event, then) => [event].into_iter().chain(then.event()).collect(),
+            Self::After(moment, then) => [&moment.event].into_iter().chain(then.event()).collect(),
+            Self::Once(_, sentence) => sentence.events(),
             Self::On(_, then) => then.event().into_iter().collect(),
             Self::Holds(formula) => formula.events(),
             Self::NeverTogether(_)

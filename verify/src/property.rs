@@ -15,9 +15,9 @@ use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, cra
 use crate::times::Times;
 use language::Code;
 use language::plan::MemberKind;
-use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
+use language::sites::{Consequence, Fault, Moment, ProcessRef, Property, Sentence};
 use std::time::Duration;
-use watch::{Goal, Watch};
+use watch::{Forbidden, Goal, Watch};
 
 /// Answers every sentence.
 pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
@@ -53,11 +53,12 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let rough = Mode { aborts: true, crashes: true, stops: true, ..Mode::default() };
         Some(match &self.property.sentence {
             Sentence::Assume(..) => return None,
-            Sentence::NeverTogether(all) => self.unless_lost(self.safe(rough, all, &Goal::Together(all.clone())), all),
-            Sentence::Implies(a, b) => self.safe(rough, &[*a, *b], &Goal::Without(*a, *b)),
+            Sentence::NeverTogether(all) => self.never_together(rough, None, all),
+            Sentence::Implies(a, b) => self.safe(rough, &[*a, *b], &Goal::Never(None, Forbidden::Without(*a, *b))),
+            Sentence::Once(first, sentence) => self.once(rough, *first, sentence)?,
             Sentence::OnlyAfter(who, event) => self.safe(rough, &[*who, event.who], &Goal::Before(*who, event.clone())),
             Sentence::AtMost(who, times) => self.safe(rough, &[*who], &Goal::Often(*who, *times)),
-            Sentence::After(event, consequence) => self.after(rough, event, consequence),
+            Sentence::After(moment, consequence) => self.after(rough, moment, consequence),
             Sentence::Eventually(event) => self.live(calm, &[event.who], &Goal::Sometime(event.clone())),
             Sentence::CanFinish => self.can_finish(calm),
             Sentence::FinishesWithin(limit) => self.finishes(*limit),
@@ -111,8 +112,9 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     /// Checks that no transition is a violation.
     fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
+        system.notes = goal.notes();
         follow_starts(&mut system, &goal.begun());
-        if let Goal::Without(_, guard) = goal
+        if let Goal::Never(_, Forbidden::Without(_, guard)) = goal
             && let Some(seat) = guard.member.and_then(|slot| system.find(guard.group, slot))
         {
             system.follow_link(seat);
@@ -135,6 +137,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     /// Checks that the goal can still be reached, without a failure, from every state in which it is owed.
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
+        system.notes = goal.notes();
         follow_starts(&mut system, &goal.begun());
         self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
     }
@@ -199,19 +202,49 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
-    fn after(&self, mode: Mode, event: &Occurrence, consequence: &Consequence) -> Finding {
+    /// Checks that some processes are never active at the same time, or only before the first start of another process.
+    fn never_together(&self, mode: Mode, first: Option<ProcessRef>, all: &[ProcessRef]) -> Finding {
+        let whom: Vec<ProcessRef> = first.into_iter().chain(all.iter().copied()).collect();
+        let found = self.safe(mode, &whom, &Goal::Never(first, Forbidden::Together(all.to_vec())));
+        self.unless_lost(found, first, all)
+    }
+
+    /// Checks a sentence from the first start of a process on.
+    fn once(&self, mode: Mode, first: ProcessRef, sentence: &Sentence) -> Option<Finding> {
+        match sentence {
+            Sentence::NeverTogether(all) => Some(self.never_together(mode, Some(first), all)),
+            Sentence::Implies(a, b) => {
+                let goal = Goal::Never(Some(first), Forbidden::Without(*a, *b));
+                Some(self.safe(mode, &[first, *a, *b], &goal))
+            }
+            Sentence::OnlyAfter(..)
+            | Sentence::After(..)
+            | Sentence::Once(..)
+            | Sentence::On(..)
+            | Sentence::Eventually(_)
+            | Sentence::CanFinish
+            | Sentence::FinishesWithin(_)
+            | Sentence::StopsWithin(_)
+            | Sentence::AtMost(..)
+            | Sentence::Assume(..)
+            | Sentence::Holds(_) => None,
+        }
+    }
+
+    fn after(&self, mode: Mode, moment: &Moment, consequence: &Consequence) -> Finding {
+        let cause = moment.event.who;
         match consequence {
             Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops_after(event.who, *who, limit)) {
+                if let Some(found) = limit.and_then(|limit| self.stops_after(cause, *who, limit)) {
                     return found;
                 }
-                self.safe(mode, &[event.who, *who], &Goal::StillRuns(Some(event.clone()), *who))
+                self.safe(mode, &[cause, *who], &Goal::StillRuns(Some(moment.clone()), *who))
             }
             Consequence::Never(other) => {
-                self.safe(mode, &[event.who, other.who], &Goal::Then(Some(event.clone()), other.clone()))
+                self.safe(mode, &[cause, other.who], &Goal::Then(Some(moment.clone()), other.clone()))
             }
             Consequence::Eventually(other) => {
-                self.live(mode, &[event.who, other.who], &Goal::Owed(Some(event.clone()), other.clone()))
+                self.live(mode, &[cause, other.who], &Goal::Owed(Some(moment.clone()), other.clone()))
             }
         }
     }

@@ -10,7 +10,7 @@ use super::spec::Spec;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Plan;
 use crate::similar;
-use crate::sites::{Consequence, EventKind, Fault, ProcessRef, Property, Sentence};
+use crate::sites::{Consequence, EventKind, Fault, Moment, NTH_MAX, Occurrence, ProcessRef, Property, Sentence};
 use crate::source::Span;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Name, Node};
@@ -19,14 +19,16 @@ use std::time::Duration;
 use words::{Kind, Words};
 
 pub(crate) use names::{EVENTS, STATES};
-pub(crate) use words::{Word, is_word, words_of};
+pub(crate) use words::{Word, is_ordinal_suffix, is_word, words_of};
 
 /// The forms of sentences, which a message shows if a text has none of them.
-const FORMS: [&str; 13] = [
+const FORMS: [&str; 15] = [
     "never a with b",
     "always a implies b",
     "b only after a.done",
     "after a.done: b stopped within 2 s (or `never b`, `eventually b`)",
+    "after the 2nd start of a: never b (or `end of a`, `abort of a`, `a.done`)",
+    "once a runs: never b with c (or `always b implies c`, `never b`, `eventually b`, `b stopped`)",
     "on crash of any: b stopped (or of a process; `hang of`, `loss of host(c1)`)",
     "eventually a",
     "can finish",
@@ -105,8 +107,20 @@ fn unreadable(words: &Words) -> Box<Diagnostic> {
 }
 
 /// The first words of sentences that do not begin with the name of a process.
-const BEGINNINGS: [&str; 11] =
-    ["never", "always", "after", "on", "eventually", "exclusive", "assume", "holds", "can", "finishes", "stops"];
+const BEGINNINGS: [&str; 12] = [
+    "never",
+    "always",
+    "after",
+    "once",
+    "on",
+    "eventually",
+    "exclusive",
+    "assume",
+    "holds",
+    "can",
+    "finishes",
+    "stops",
+];
 /// Sentences that begin with two words: the first word, and the second word in the form for a message.
 const PAIRS: [(&str, &str); 3] = [("can", "`finish`"), ("finishes", "`within`"), ("stops", "`within`")];
 
@@ -115,26 +129,20 @@ fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     let is_about = words.is(1, "only") && words.is(2, "after") || words.is(1, "at") && words.is(2, "most");
     let sentence = if is_about {
         about(words, names)?
-    } else if words.eat("never") {
-        let first = who(words, names)?;
-        words.need("with")?;
-        Sentence::NeverTogether(vec![first, who(words, names)?])
-    } else if words.eat("always") {
-        let first = who(words, names)?;
-        words.need("implies")?;
-        Sentence::Implies(first, who(words, names)?)
+    } else if words.at("never") || words.at("always") || words.at("exclusive") {
+        invariant(words, names)?
     } else if words.eat("after") {
-        let event = names.occurrence(words, EventKind::Ended)?;
+        let moment = moment(words, names)?;
         words.need(":")?;
-        Sentence::After(event, consequence(words, names)?)
+        Sentence::After(moment, consequence(words, names)?)
+    } else if words.eat("once") {
+        once(words, names)?
     } else if words.eat("on") {
         let fault = fault(words, names)?;
         words.need(":")?;
         Sentence::On(fault, consequence(words, names)?)
     } else if words.eat("eventually") {
         Sentence::Eventually(names.occurrence(words, EventKind::Started)?)
-    } else if words.eat("exclusive") {
-        exclusive(words, names)?
     } else if words.at("can") && words.eat_two("can", "finish") {
         Sentence::CanFinish
     } else if words.eat_two("finishes", "within") {
@@ -153,6 +161,53 @@ fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
         about(words, names)?
     };
     if words.is_over() { Ok(sentence) } else { Err(unreadable(words.want("`;`"))) }
+}
+
+/// Reads a sentence that forbids a state: `never a with b`, `always a implies b` or `exclusive a, b`.
+fn invariant(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
+    if words.eat("never") {
+        let first = who(words, names)?;
+        words.need("with")?;
+        return Ok(Sentence::NeverTogether(vec![first, who(words, names)?]));
+    }
+    if words.eat("always") {
+        let first = who(words, names)?;
+        words.need("implies")?;
+        return Ok(Sentence::Implies(first, who(words, names)?));
+    }
+    words.eat("exclusive");
+    exclusive(words, names)
+}
+
+/// Reads `a.done`, or `the 2nd start of a`.
+fn moment(words: &mut Words, names: &Names<'_>) -> Read<Moment> {
+    let Some(nth) = words.ordinal(NTH_MAX)? else {
+        return Ok(Moment { event: names.occurrence(words, EventKind::Ended)?, nth: None });
+    };
+    let kind = match () {
+        () if words.eat_two("start", "of") => EventKind::Started,
+        () if words.eat_two("end", "of") => EventKind::Ended,
+        () if words.eat_two("abort", "of") => EventKind::Aborted,
+        () if words.is(1, "of") => return Err(unreadable(words.want("`start of`, `end of` or `abort of`"))),
+        () => return Ok(Moment { event: names.occurrence(words, EventKind::Ended)?, nth: Some(nth) }),
+    };
+    Ok(Moment { event: Occurrence { who: who(words, names)?, kind }, nth: Some(nth) })
+}
+
+/// Reads `a runs: never b with c`. The sentence holds from the first start of `a` on.
+fn once(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
+    let first = who(words, names)?;
+    words.need("runs")?;
+    if !words.eat(",") {
+        words.need(":")?;
+    }
+    let mut ahead = words.peek();
+    let is_never = ahead.eat("never") && names.occurrence(&mut ahead, EventKind::Started).is_ok() && !ahead.at("with");
+    if !is_never && (words.at("never") || words.at("always") || words.at("exclusive")) {
+        return Ok(Sentence::Once(first, Box::new(invariant(words, names)?)));
+    }
+    let event = Occurrence { who: first, kind: EventKind::Started };
+    Ok(Sentence::After(Moment { event, nth: Some(1) }, consequence(words, names)?))
 }
 
 /// Reads `1 s .. 15 s`.

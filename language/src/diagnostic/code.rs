@@ -253,7 +253,7 @@ codes! {
     E0702 Error "too many values"
         "A record or a list has at most 1,000 values, including the values of the records inside. A process has at most 1,000 parameters."
     E0801 Error "unreadable property"
-        "A `verify` block consists of sentences: `never a with b`, `always a implies b`, `b only after a.done`, `after a.done: b stopped within 2 s`, `after a.done: never b`, `after a.done: eventually b`, `on crash of any: b stopped`, `on loss of host(c1): not done`, `eventually a`, `can finish`, `finishes within 90 s`, `stops within 2 s`, `exclusive a, b`, `a at most once`, `assume a takes 1 s .. 15 s`, `holds ltl \"G (a -> F b.done)\"`."
+        "A `verify` block consists of sentences: `never a with b`, `always a implies b`, `b only after a.done`, `after a.done: b stopped within 2 s`, `after a.done: never b`, `after a.done: eventually b`, `after the 2nd start of a: never b`, `once a runs: never b with c`, `on crash of any: b stopped`, `on loss of host(c1): not done`, `eventually a`, `can finish`, `finishes within 90 s`, `stops within 2 s`, `exclusive a, b`, `a at most once`, `assume a takes 1 s .. 15 s`, `holds ltl \"G (a -> F b.done)\"`."
     E0802 Error "unknown name in a property"
         "A property names the members of its group as the event actions do, and the members of a member with a dot: `hit.force`. Write `done`, `aborted` and `started` after a dot, or alone for the group itself. Formulas also have `running` and `stopping`. Names are never guessed here."
     E0811 Error "gets stuck"

@@ -1,6 +1,7 @@
 //! The tokens of a text with the comments between them. A formatted text keeps all of them.
 
 use super::expression::is_operator;
+use crate::check::is_ordinal_suffix;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Args, Bang, Bar, Binder, Block, Chain, Colon, Comma, Constant, Dot, DotDot, DoubleColon, Equals,
     Formula, Greater, Labels, LeftBrace, LeftBracket, LeftParen, Less, List, Match, Minus, Module, Owner, Params,
@@ -219,6 +220,10 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     // Empty statements need the blank: two `;` without a blank would be a `;;`.
     if [before, next].iter().all(|piece| [Semicolon, Recur].contains(&piece.kind)) {
         return true;
+    }
+    // `2nd` is two tokens of a sentence.
+    if before.parent == SyntaxKind::Sentence && before.kind == SyntaxKind::Number && is_ordinal_suffix(next.text) {
+        return false;
     }
     if next.kind == Semicolon {
         return next.parent == Sequence;

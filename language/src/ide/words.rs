@@ -236,6 +236,8 @@ words! {
     Sentence "always" "always ${1:a} implies ${2:b};" "`always a implies b`: while a runs and is not being stopped, b is active."
     Sentence "after" "after ${1:a}.done: ${2:b} stopped;" "`after a.done: b stopped within 2 s`, `never b`, `eventually b`: a condition \
               that holds after this event."
+    Sentence "once" "once ${1:a} runs: never ${2:b} with ${3:c};" "`once a runs: never b with c`, `always b implies c`, `never b`, \
+              `eventually b`, `b stopped`: a condition that holds from the first start of a on."
     Sentence "eventually" "eventually ${1:a};" "`eventually b`: in every run without failures, the process b starts, or the event b \
               happens."
     Sentence "can finish" "can finish;" "The group can be done, and it can end from every state that it can reach."
@@ -255,6 +257,14 @@ words! {
     InSentence "only after" "only after ${1:a}.done;" "`b only after a.done`: b never starts before a is done."
     InSentence "at most" "at most ${1:once};" "`a at most once`, `a at most 3 times`: a is not started more often."
     InSentence "after" "after" "`b only after a.done`: b never starts before a is done."
+    InSentence "the" "the ${1:2nd} start of ${2:a}" "`after the 2nd start of a`, `end of a`, `abort of a`, `after the 2nd a.done`: only \
+                this occurrence of the event counts, from `1st` to `16th`."
+    InSentence "start of" "start of ${1:a}" "`after the 2nd start of a`: the process is activated, or its program begins again."
+    InSentence "end of" "end of ${1:a}" "`after the 2nd end of a`: the process has ended in any way."
+    InSentence "abort of" "abort of ${1:a}" "`after the 2nd abort of a`: the process fails."
+    InSentence "runs" "runs: never ${1:b} with ${2:c};" "`once a runs: ...`: the sentence holds from the first start of a on."
+    InSentence "always" "always ${1:b} implies ${2:c}" "`once a runs: always b implies c`: while b runs and is not being stopped, c is active."
+    InSentence "exclusive" "exclusive ${1:b}, ${2:c}" "`once a runs: exclusive b, c`: no two of these processes are ever active at the same time."
     InSentence "most" "most" "`a at most once`, `a at most 3 times`: a is not started more often."
     InSentence "once" "once;" "`a at most once`, `a at most 3 times`: a is not started more often."
     InSentence "stopped" "stopped" "`b stopped`: once all stops are answered, b does not run; `b stopped within 2 s`: the stops also take \

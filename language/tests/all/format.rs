@@ -73,6 +73,14 @@ fn an_empty_statement_stays_apart() {
 }
 
 #[test]
+fn an_ordinal_stays_one_word() {
+    let text = "process main() { verify { after the 2nd start of a: never b; assume a takes 2  s .. 3s; } }";
+    let formatted = format(&Source::new("a.dca", text)).expect("it can be formatted");
+    assert!(formatted.contains("after the 2nd start of a: never b;"), "{formatted}");
+    assert!(formatted.contains("takes 2 s..3 s") || formatted.contains("takes 2 s .. 3 s"), "{formatted}");
+}
+
+#[test]
 fn the_specs_are_formatted() {
     for path in files("../specs") {
         let text = std::fs::read_to_string(&path).unwrap();

@@ -199,7 +199,7 @@ process main() {
 #[test]
 fn sentences_are_completed_word_by_word() {
     let with = |sentence: &str| PROVED.replace("$1", sentence);
-    let begins = "never exclusive always after eventually can finish finishes within stops within on crash of on hang of \
+    let begins = "never exclusive always after once eventually can finish finishes within stops within on crash of on hang of \
         on loss of host assume holds ltl find hit";
     completes(&with("$0"), begins);
     completes(&with("never $0"), "find hit");
@@ -213,6 +213,17 @@ fn sentences_are_completed_word_by_word() {
     completes(&with("after find.done: $0"), "find hit never not eventually");
     completes(&with("after find.done: hit $0"), "stopped");
     completes(&with("after find.done: hit stopped $0"), "within");
+    completes(&with("after $0"), "find hit the");
+    completes(&with("after the 2nd $0"), "find hit start of end of abort of");
+    completes(&with("after the 2nd start $0"), "of");
+    completes(&with("after the 2nd start of $0"), "find hit");
+    completes(&with("after the 2nd start of find: $0"), "find hit never not eventually");
+    completes(&with("once $0"), "find hit");
+    completes(&with("once find $0"), "runs");
+    completes(&with("once find runs: $0"), "find hit never always exclusive not eventually");
+    completes(&with("once find runs: never find $0"), "with");
+    completes(&with("once find runs: always find $0"), "implies");
+    completes(&with("once find runs: hit $0"), "stopped");
     completes(&with("on $0"), "crash of hang of loss of host");
     completes(&with("on crash of $0"), "any find hit");
     completes(&with("on loss of host($0"), "c1 c2");
@@ -237,6 +248,9 @@ fn sentences_know_their_names_and_words() {
     is_told(&with("find only after hit.do$0ne"), &["`a.done.found` asks for the outcome"]);
     is_told(&with("holds ltl \"find $0W hit.done\""), &["or for ever"]);
     is_told(&with("hi$0t only after find.done"), &["hit instof Hit"]);
+    is_told(&with("after the 2nd sta$0rt of hit: never find"), &["is activated"]);
+    is_told(&with("once find ru$0ns: never find with hit"), &["from the first start of a on"]);
+    renames(&with("after the 2nd start of hi$0t: never find"), "touch", "hit -> touch, hit -> touch, hit -> touch");
     renames(&with("never find with hi$0t"), "touch", "hit -> touch, hit -> touch, hit -> touch");
     renames(
         &with("holds ltl \"G (find -> F hit.fo$0rce)\""),

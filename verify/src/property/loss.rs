@@ -1,6 +1,6 @@
 //! The sentences about the loss of a host, and the effects of such a loss on the other hosts.
 
-use super::watch::Goal;
+use super::watch::{Forbidden, Goal};
 use super::{Question, follow_starts, place_of};
 use crate::fault::{NOTED_AFTER, stops_by_itself_after, torn};
 use crate::finding::{Assumption, Finding, Verdict};
@@ -13,7 +13,7 @@ use std::time::Duration;
 impl<'m> Question<'_, 'm, '_> {
     /// Adds an assumption to the proof that some processes never run at the same time, if they may do so after the loss
     /// of a host: it is then unknown whether the processes there have stopped.
-    pub(super) fn unless_lost(&self, found: Finding, all: &[ProcessRef]) -> Finding {
+    pub(super) fn unless_lost(&self, found: Finding, first: Option<ProcessRef>, all: &[ProcessRef]) -> Finding {
         let hosts = &self.times.model.plan.hosts;
         if found.verdict != Verdict::Proved || hosts.len() < 2 {
             return found;
@@ -26,7 +26,7 @@ impl<'m> Question<'_, 'm, '_> {
         }
         losses.sort_by_key(|(loss, _)| loss.host == home);
         let assumed = losses.into_iter().find_map(|(loss, name)| {
-            let found = self.beside_each_other(loss, all)?;
+            let found = self.beside_each_other(loss, first, all)?;
             let once = if loss.kind == LossKind::Cut { "is cut off" } else { "is lost" };
             let text = match (found.verdict, all.len()) {
                 (Verdict::Open, _) => "no host is lost: the case of a lost host was not decided".to_owned(),
@@ -39,13 +39,16 @@ impl<'m> Question<'_, 'm, '_> {
     }
 
     /// Returns a finding that shows how two of these processes may run at the same time after a loss.
-    fn beside_each_other(&self, loss: Loss, all: &[ProcessRef]) -> Option<Finding> {
-        let named: Vec<(u32, u32)> = all.iter().filter_map(|who| Some((who.group, who.member?))).collect();
+    fn beside_each_other(&self, loss: Loss, first: Option<ProcessRef>, all: &[ProcessRef]) -> Option<Finding> {
+        let whom = first.iter().chain(all);
+        let named: Vec<(u32, u32)> = whom.filter_map(|who| Some((who.group, who.member?))).collect();
+        let goal = Goal::Never(first, Forbidden::BesideEachOther(all.to_vec()));
         let mut system = torn(self.times.model, &named);
-        system.notes = 1;
+        system.notes = goal.notes();
+        follow_starts(&mut system, &goal.begun());
         system.mode.hears_late = true;
         system.lose(loss);
-        self.is_safe(&system, &Goal::BesideEachOther(all.to_vec()))
+        self.is_safe(&system, &goal)
     }
 
     /// Returns a finding if a stop because of the loss of a host may take longer, measured from the moment of the loss.

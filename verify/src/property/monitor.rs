@@ -5,7 +5,7 @@
 //! violated at some position.
 
 use super::formula::{Breaks, Followed};
-use super::watch::{Goal, Watch};
+use super::watch::{Forbidden, Goal, Watch};
 use crate::conform::{Follower, Steps};
 use crate::explore::Observer;
 use crate::finding::{Finding, diagnostic};
@@ -38,7 +38,7 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
     }
     let mut system = System::new(model, property.group as usize, &|_| false);
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
-    system.notes = 1;
+    system.notes = if let Wanted::Never(goal) = &wanted { goal.notes() } else { 1 };
     let mut eye = match &wanted {
         Wanted::Never(goal) => Eye::Watch(Watch::new(&system, goal)),
         Wanted::Unbroken(breaks) => Eye::Formula(breaks.follow(&system)),
@@ -127,15 +127,20 @@ fn wanted(sentence: &Sentence) -> Option<(Wanted, Vec<ProcessRef>)> {
 /// violate.
 fn goal(sentence: &Sentence) -> Option<(Goal, Vec<ProcessRef>)> {
     Some(match sentence {
-        Sentence::NeverTogether(all) => (Goal::Together(all.clone()), all.clone()),
-        Sentence::Implies(a, b) => (Goal::Without(*a, *b), vec![*a, *b]),
+        Sentence::NeverTogether(all) => (Goal::Never(None, Forbidden::Together(all.clone())), all.clone()),
+        Sentence::Implies(a, b) => (Goal::Never(None, Forbidden::Without(*a, *b)), vec![*a, *b]),
+        Sentence::Once(first, sentence) => {
+            let (Goal::Never(_, forbidden), mut whom) = goal(sentence)? else { return None };
+            whom.push(*first);
+            (Goal::Never(Some(*first), forbidden), whom)
+        }
         Sentence::OnlyAfter(who, event) => (Goal::Before(*who, event.clone()), vec![*who, event.who]),
         Sentence::AtMost(who, times) => (Goal::Often(*who, *times), vec![*who]),
-        Sentence::After(event, Consequence::Stopped(who, _)) => {
-            (Goal::StillRuns(Some(event.clone()), *who), vec![event.who, *who])
+        Sentence::After(moment, Consequence::Stopped(who, _)) => {
+            (Goal::StillRuns(Some(moment.clone()), *who), vec![moment.event.who, *who])
         }
-        Sentence::After(event, Consequence::Never(other)) => {
-            (Goal::Then(Some(event.clone()), other.clone()), vec![event.who, other.who])
+        Sentence::After(moment, Consequence::Never(other)) => {
+            (Goal::Then(Some(moment.clone()), other.clone()), vec![moment.event.who, other.who])
         }
         Sentence::After(_, Consequence::Eventually(_))
         | Sentence::On(..)

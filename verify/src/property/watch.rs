@@ -5,31 +5,47 @@ use crate::explore::Observer;
 use crate::system::MemberRef;
 use crate::system::{Change, Changed, Frame, Phase, System};
 use language::algebra::Activity;
-use language::sites::{EventKind, Occurrence, ProcessRef};
+use language::sites::{EventKind, Moment, Occurrence, ProcessRef};
 
-/// The goal of a sentence. Each state carries one byte of notes for it.
+/// The goal of a sentence. Each state carries one byte of notes for it, and a second byte to count an event.
 #[derive(Clone, Debug)]
 pub(super) enum Goal {
-    /// Forbidden: two of these processes are active at the same time.
-    Together(Vec<ProcessRef>),
-    /// Forbidden: two of these processes really run at the same time, even if their supervisors do not know it.
-    BesideEachOther(Vec<ProcessRef>),
-    /// Forbidden: the first process runs while the second process does not run.
-    Without(ProcessRef, ProcessRef),
+    /// Forbidden: a state, from the first start of the process on, or always.
+    Never(Option<ProcessRef>, Forbidden),
     /// Forbidden: the process starts although the event has never happened.
     Before(ProcessRef, Occurrence),
     /// Forbidden: the process starts more often than this.
     Often(ProcessRef, u32),
     /// Forbidden: after the event (or the fault), the process runs and is not being stopped.
-    StillRuns(Option<Occurrence>, ProcessRef),
+    StillRuns(Option<Moment>, ProcessRef),
     /// Forbidden: after the first event (or the fault), the second one happens.
-    Then(Option<Occurrence>, Occurrence),
+    Then(Option<Moment>, Occurrence),
     /// Owed after the first event (or the fault): the second event.
-    Owed(Option<Occurrence>, Occurrence),
+    Owed(Option<Moment>, Occurrence),
     /// Owed once the fault has struck the first process while it is active: the second process no longer runs.
     Ending(ProcessRef, ProcessRef),
     /// Owed from the start on.
     Sometime(Occurrence),
+}
+
+/// A forbidden state.
+#[derive(Clone, Debug)]
+pub(super) enum Forbidden {
+    /// Two of these processes are active at the same time.
+    Together(Vec<ProcessRef>),
+    /// Two of these processes really run at the same time, even if their supervisors do not know it.
+    BesideEachOther(Vec<ProcessRef>),
+    /// The first process runs while the second process does not run.
+    Without(ProcessRef, ProcessRef),
+}
+
+impl Forbidden {
+    fn whom(&self) -> Vec<ProcessRef> {
+        match self {
+            Self::Together(all) | Self::BesideEachOther(all) => all.clone(),
+            Self::Without(a, b) => vec![*a, *b],
+        }
+    }
 }
 
 impl Goal {
@@ -37,15 +53,13 @@ impl Goal {
     pub(super) fn begun(&self) -> Vec<ProcessRef> {
         let events: Vec<&Occurrence> = match self {
             Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],
-            Self::Then(event, other) | Self::Owed(event, other) => event.iter().chain([other]).collect(),
-            Self::StillRuns(event, _) => event.iter().collect(),
-            Self::Without(a, b) => return vec![*a, *b],
-            Self::Before(..)
-            | Self::Together(_)
-            | Self::BesideEachOther(_)
-            | Self::Often(..)
-            | Self::Ending(..)
-            | Self::Sometime(_) => Vec::new(),
+            Self::Then(since, other) | Self::Owed(since, other) => event_of(since).chain([other]).collect(),
+            Self::StillRuns(since, _) => event_of(since).collect(),
+            Self::Never(first, Forbidden::Without(a, b)) => return first.iter().chain([a, b]).copied().collect(),
+            Self::Never(first, Forbidden::Together(_) | Forbidden::BesideEachOther(_)) => {
+                return first.iter().copied().collect();
+            }
+            Self::Before(..) | Self::Often(..) | Self::Ending(..) | Self::Sometime(_) => Vec::new(),
         };
         events.into_iter().filter(|event| event.kind == EventKind::Started).map(|event| event.who).collect()
     }
@@ -56,14 +70,30 @@ impl Goal {
         match self {
             Self::Sometime(_) => note == 0,
             Self::Owed(..) | Self::Ending(..) | Self::StillRuns(..) => note == 1,
-            Self::Together(_)
-            | Self::BesideEachOther(_)
-            | Self::Without(..)
-            | Self::Before(..)
-            | Self::Often(..)
-            | Self::Then(..) => false,
+            Self::Never(..) | Self::Before(..) | Self::Often(..) | Self::Then(..) => false,
         }
     }
+
+    /// Returns how many bytes of notes each state needs.
+    pub(super) fn notes(&self) -> usize {
+        match self {
+            Self::StillRuns(Some(moment), _) | Self::Then(Some(moment), _) | Self::Owed(Some(moment), _) => {
+                1 + usize::from(moment.nth.is_some())
+            }
+            Self::StillRuns(None, _)
+            | Self::Then(None, _)
+            | Self::Owed(None, _)
+            | Self::Never(..)
+            | Self::Before(..)
+            | Self::Often(..)
+            | Self::Ending(..)
+            | Self::Sometime(_) => 1,
+        }
+    }
+}
+
+fn event_of(since: &Option<Moment>) -> impl Iterator<Item = &Occurrence> {
+    since.iter().map(|moment| &moment.event)
 }
 
 pub(super) struct Watch<'w> {
@@ -84,14 +114,13 @@ struct Seat {
 impl<'w> Watch<'w> {
     pub(super) fn new(system: &System<'_>, goal: &'w Goal) -> Self {
         let whom: Vec<ProcessRef> = match goal {
-            Goal::Together(all) | Goal::BesideEachOther(all) => all.clone(),
-            Goal::Without(a, b) => vec![*a, *b],
+            Goal::Never(first, forbidden) => first.iter().copied().chain(forbidden.whom()).collect(),
             Goal::Before(who, event) => vec![*who, event.who],
             Goal::Often(who, _) => vec![*who],
             Goal::Ending(hung, who) => vec![*hung, *who],
-            Goal::StillRuns(event, who) => event.iter().map(|event| event.who).chain([*who]).collect(),
-            Goal::Then(event, other) | Goal::Owed(event, other) => {
-                event.iter().map(|event| event.who).chain([other.who]).collect()
+            Goal::StillRuns(since, who) => event_of(since).map(|event| event.who).chain([*who]).collect(),
+            Goal::Then(since, other) | Goal::Owed(since, other) => {
+                event_of(since).map(|event| event.who).chain([other.who]).collect()
             }
             Goal::Sometime(event) => vec![event.who],
         };
@@ -122,28 +151,48 @@ impl<'w> Watch<'w> {
         !is_struck && runs && (who.member.is_none() || self.is_there(system, frame, who))
     }
 
-    /// Returns whether the event (or the fault) happens in a transition.
-    fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
-        event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
+    /// Returns whether a change is the event after which the goal counts. Counts the event if only one occurrence matters.
+    fn begins(&self, change: &Change, moment: &Moment, after: &mut Frame) -> bool {
+        let Moment { event, nth } = moment;
+        match *nth {
+            _ if !self.is(change, event) => false,
+            None => true,
+            Some(nth) if after.notes[1] < nth => {
+                after.notes[1] += 1;
+                after.notes[1] == nth
+            }
+            Some(_) => false,
+        }
     }
-}
 
-impl Watch<'_> {
-    /// Returns whether the other event does not happen after the first event. If `is_over`, the first event has happened
-    /// before.
+    /// Returns whether no state is forbidden.
+    fn is_allowed(&self, system: &System<'_>, frame: &Frame, forbidden: &Forbidden) -> bool {
+        match forbidden {
+            Forbidden::Together(all) => all.iter().filter(|who| self.is_active(system, frame, **who)).count() < 2,
+            Forbidden::BesideEachOther(all) => all.iter().filter(|who| self.is_there(system, frame, **who)).count() < 2,
+            Forbidden::Without(a, b) => {
+                let has_begun = |who| self.seats.has_begun(system, frame, who);
+                let runs = is_running(system, frame, *a) && has_begun(*a);
+                !runs || self.is_active(system, frame, *b) && has_begun(*b)
+            }
+        }
+    }
+
+    /// Returns whether the other event does not happen after the first event (or the fault), which may have happened before.
     fn is_still_allowed(
         &self,
-        mut is_over: bool,
+        is_fault: bool,
         changes: &[Change],
-        event: Option<&Occurrence>,
+        since: Option<&Moment>,
         other: &Occurrence,
         after: &mut Frame,
     ) -> bool {
+        let mut is_over = after.notes[0] == 1 || since.is_none() && is_fault;
         for change in changes {
             if is_over && self.is(change, other) {
                 return false;
             }
-            is_over |= event.is_some_and(|event| self.is(change, event));
+            is_over |= since.is_some_and(|moment| self.begins(change, moment, after));
         }
         after.notes[0] = u8::from(is_over);
         true
@@ -204,12 +253,11 @@ impl Observer for Watch<'_> {
     fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool {
         let note = after.notes[0];
         match self.goal {
-            Goal::Together(all) => all.iter().filter(|who| self.is_active(system, after, **who)).count() < 2,
-            Goal::BesideEachOther(all) => all.iter().filter(|who| self.is_there(system, after, **who)).count() < 2,
-            Goal::Without(a, b) => {
-                let has_begun = |who| self.seats.has_begun(system, after, who);
-                let runs = is_running(system, after, *a) && has_begun(*a);
-                !runs || self.is_active(system, after, *b) && has_begun(*b)
+            Goal::Never(None, forbidden) => self.is_allowed(system, after, forbidden),
+            Goal::Never(Some(first), forbidden) => {
+                let start = Occurrence { who: *first, kind: EventKind::Started };
+                after.notes[0] |= u8::from(changes.iter().any(|change| self.is(change, &start)));
+                after.notes[0] == 0 || self.is_allowed(system, after, forbidden)
             }
             Goal::Before(who, event) => {
                 let start = Occurrence { who: *who, kind: EventKind::Started };
@@ -230,10 +278,12 @@ impl Observer for Watch<'_> {
                 after.notes[0] = u8::try_from(starts).unwrap_or(u8::MAX);
                 starts <= *times as usize
             }
-            Goal::StillRuns(event, who) => {
-                if self.happens(is_fault, changes, event.as_ref()) {
-                    after.notes[0] = 1;
+            Goal::StillRuns(since, who) => {
+                let mut happens = since.is_none() && is_fault;
+                for change in changes {
+                    happens |= since.as_ref().is_some_and(|moment| self.begins(change, moment, after));
                 }
+                after.notes[0] |= u8::from(happens);
                 // Members inside a group may have to stop before the group's end is visible outside.
                 if after.notes[0] == 0 || system.has_stops(after) || system.is_held_up(after) {
                     return true;
@@ -241,16 +291,13 @@ impl Observer for Watch<'_> {
                 after.notes[0] = 0;
                 !is_running(system, after, *who)
             }
-            Goal::Then(event, other) => {
-                let is_over = note == 1 || event.is_none() && self.happens(is_fault, changes, None);
-                self.is_still_allowed(is_over, changes, event.as_ref(), other, after)
-            }
-            Goal::Owed(event, other) => {
-                if event.is_none() && self.happens(is_fault, changes, None) {
+            Goal::Then(since, other) => self.is_still_allowed(is_fault, changes, since.as_ref(), other, after),
+            Goal::Owed(since, other) => {
+                if since.is_none() && is_fault {
                     after.notes[0] = u8::from(!self.goes_on(system, after, other));
                 }
                 for change in changes {
-                    if event.as_ref().is_some_and(|event| self.is(change, event)) {
+                    if since.as_ref().is_some_and(|moment| self.begins(change, moment, after)) {
                         after.notes[0] = 1;
                     }
                     if self.is(change, other) {

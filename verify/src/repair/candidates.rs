@@ -2,7 +2,7 @@
 
 use super::text::{has_word, head, inside, last_time, operand, steps, time};
 use language::plan::{Expression, Plan};
-use language::sites::{Consequence, EventKind, Fault, Occurrence, ProcessRef, Sentence, Sites};
+use language::sites::{Consequence, EventKind, Fault, Moment, Occurrence, ProcessRef, Sentence, Sites};
 use language::{Code, Diagnostic, Edit, Fix, Origin, Source, Span};
 use std::time::Duration;
 
@@ -202,7 +202,10 @@ impl Spec<'_> {
     fn sentence(&self, group: usize, sentence: &Sentence) -> Vec<Fix> {
         let own = |who: &ProcessRef| who.member.is_none() && who.group as usize == group;
         match sentence {
-            Sentence::After(Occurrence { who, kind: EventKind::Done(_) | EventKind::Ended }, then) => match then {
+            Sentence::After(
+                Moment { event: Occurrence { who, kind: EventKind::Done(_) | EventKind::Ended }, nth: None },
+                then,
+            ) => match then {
                 Consequence::Never(Occurrence { who: whole, kind: EventKind::Done(_) }) if own(whole) => {
                     self.counted_as_failure(*who)
                 }
@@ -218,6 +221,7 @@ impl Spec<'_> {
             | Sentence::Implies(..)
             | Sentence::OnlyAfter(..)
             | Sentence::After(..)
+            | Sentence::Once(..)
             | Sentence::On(..)
             | Sentence::Eventually(_)
             | Sentence::CanFinish

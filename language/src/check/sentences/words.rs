@@ -9,7 +9,7 @@ use crate::unit;
 use std::time::Duration;
 
 /// The words with a special meaning in sentences.
-const WORDS: [&str; 42] = [
+const WORDS: [&str; 44] = [
     "a",
     "after",
     "always",
@@ -39,11 +39,13 @@ const WORDS: [&str; 42] = [
     "once",
     "only",
     "running",
+    "runs",
     "started",
     "stopped",
     "stopping",
     "stops",
     "takes",
+    "the",
     "times",
     "with",
     "within",
@@ -54,9 +56,28 @@ const WORDS: [&str; 42] = [
     "h",
 ];
 
+/// The words for events after a number: `the 2nd start of a`. A process may have such a name.
+const COUNTED: [&str; 3] = ["start", "end", "abort"];
+
 /// Returns whether a word has a special meaning in sentences.
 pub(crate) fn is_word(text: &str) -> bool {
     text != "a" && WORDS.contains(&text)
+}
+
+/// Returns the letters after a number that make it an ordinal: `1st`, `2nd`, `11th`.
+fn ordinal_suffix(value: u8) -> &'static str {
+    match (value / 10, value % 10) {
+        (1, _) => "th",
+        (_, 1) => "st",
+        (_, 2) => "nd",
+        (_, 3) => "rd",
+        (_, _) => "th",
+    }
+}
+
+/// Returns whether a text is written directly after a number: `2nd`.
+pub(crate) fn is_ordinal_suffix(text: &str) -> bool {
+    ["st", "nd", "rd", "th"].contains(&text)
 }
 
 /// A word, a number, a sign or a string.
@@ -164,11 +185,18 @@ impl Words {
             if let Some(formula) = Some(&mut self).filter(|_| is_formula).and_then(Self::string) {
                 all.extend(formula.tokens.into_iter().map(|token| Word::new(token, true)));
             } else {
-                all.push(Word::new(self.tokens[self.at].clone(), false));
+                let word = Word::new(self.tokens[self.at].clone(), false);
+                all.push(Word { is_name: word.is_name && !self.is_counted_event(), ..word });
                 self.at += 1;
             }
         }
         all
+    }
+
+    /// Returns whether the next word is the event in `2nd start of a`, and not the name of a process.
+    fn is_counted_event(&self) -> bool {
+        let is_counted = self.at.checked_sub(1).is_some_and(|before| is_ordinal_suffix(&self.tokens[before].text));
+        is_counted && COUNTED.iter().any(|word| self.at(word)) && self.is(1, "of")
     }
 
     /// Returns a copy of the words for looking ahead.
@@ -187,7 +215,8 @@ impl Words {
             let before = index.checked_sub(1).map(|before| self.tokens[before].text.as_str());
             let is_tight = [".", ",", ":", ")", "(", "]", "["].contains(&token.text.as_str());
             let is_open = before.is_none_or(|before| [".", "(", "["].contains(&before));
-            if !is_tight && !is_open {
+            let is_suffix = index > 0 && self.tokens[index - 1].kind == Number && is_ordinal_suffix(&token.text);
+            if !is_tight && !is_open && !is_suffix {
                 text.push(' ');
             }
             text.push_str(&token.text);
@@ -259,6 +288,7 @@ impl Words {
             "with" => "`with`",
             "implies" => "`implies`",
             ":" => "`:`",
+            "runs" => "`runs`",
             "takes" => "`takes`",
             ".." => "`..`",
             "host" => "`host`",
@@ -303,6 +333,22 @@ impl Words {
         };
         self.at += 2;
         Ok(time)
+    }
+
+    /// Reads `the 2nd`, up to `most`, if there is a number after `the`. Otherwise, `the` is the name of a process.
+    pub(super) fn ordinal(&mut self, most: u8) -> Read<Option<u8>> {
+        let Some(number) = self.tokens.get(self.at + 1).filter(|token| token.kind == Number && self.at("the")) else {
+            return Ok(None);
+        };
+        let value: Option<u8> = number.text.parse().ok().filter(|value| (1..=most).contains(value));
+        self.at += 1;
+        match value.filter(|value| self.is(1, ordinal_suffix(*value))) {
+            Some(value) => {
+                self.at += 2;
+                Ok(Some(value))
+            }
+            None => Err(unreadable(self.want("a number from `1st` to `16th`"))),
+        }
     }
 
     /// Reads `3 times`.

@@ -35,11 +35,24 @@ impl Analysis {
         let text = |word: Option<&Word>| word.map_or("", |word| word.text.as_str()).to_owned();
         let (first, last) = (text(before.first()), text(before.last()));
         let has = |wanted: &str| before.iter().any(|word| word.text == wanted);
+        let is_number = |word: &Word| word.text.starts_with(|first: char| first.is_ascii_digit());
         let next: &[&str] = match last.as_str() {
             "" => return [keywords(Place::Sentence), self.members_of(process)].concat(),
-            "never" | "always" | "after" | "eventually" | "exclusive" | "assume" | "with" | "implies" | "not" | "," => {
+            "after" if before.len() == 1 => return [self.members_of(process), inside(&["the"])].concat(),
+            "never" | "always" | "after" | "eventually" | "exclusive" | "assume" | "with" | "implies" | "not" => {
                 return self.members_of(process);
             }
+            "once" if before.len() == 1 => return self.members_of(process),
+            "," if !has("runs") || has("exclusive") => return self.members_of(process),
+            ":" | "," if has("runs") => {
+                let words = inside(&["never", "always", "exclusive", "not", "eventually"]);
+                return [self.members_of(process), words].concat();
+            }
+            "st" | "nd" | "rd" | "th" if before.iter().rev().nth(1).is_some_and(is_number) => {
+                return [self.members_of(process), inside(&["start of", "end of", "abort of"])].concat();
+            }
+            "start" | "end" | "abort" if has("the") && !has("of") && !has(":") => &["of"],
+            "of" if has("the") => return self.members_of(process),
             ":" => return [self.members_of(process), inside(&["never", "not", "eventually"])].concat(),
             "on" => &["crash of", "hang of", "loss of host"],
             "crash" | "hang" | "loss" => &["of"],
@@ -57,7 +70,12 @@ impl Analysis {
             "most" => &["once"],
             _ if before.last().is_some_and(|word| !word.is_name) => &[],
             "any" | "once" | "finish" | "ltl" => &[],
+            _ if has("with") => &[],
+            _ if has("implies") => &[],
+            _ if has(":") && has("always") => &["implies"],
+            _ if has(":") && has("runs") && has("never") => &["with"],
             _ if has(":") => &["stopped"],
+            _ if first == "once" && before.len() > 1 => &["runs"],
             _ => match first.as_str() {
                 "never" => &["with"],
                 "always" => &["implies"],

@@ -49,11 +49,25 @@ enum Form {
     NeverAsFormula,
     OnlyAfterAsFormula,
     AfterAsFormula,
+    Counted(Counted),
     /// About the second member, once `c2` is lost.
     LossNever,
 }
 
-const FORMS: [Form; 18] = [
+/// A sentence that counts only one occurrence of an event.
+#[derive(Clone, Copy, Debug)]
+enum Counted {
+    SecondStartNever,
+    SecondEndNever,
+    SecondDoneStopped,
+    SecondEndEventually,
+    FirstAbortNever,
+    OnceNeverWith,
+    OnceImplies,
+    OnceStopped,
+}
+
+const FORMS: [Form; 26] = [
     Form::NeverWith,
     Form::Implies,
     Form::OnlyAfterDone,
@@ -71,6 +85,14 @@ const FORMS: [Form; 18] = [
     Form::NeverAsFormula,
     Form::OnlyAfterAsFormula,
     Form::AfterAsFormula,
+    Form::Counted(Counted::SecondStartNever),
+    Form::Counted(Counted::SecondEndNever),
+    Form::Counted(Counted::SecondDoneStopped),
+    Form::Counted(Counted::SecondEndEventually),
+    Form::Counted(Counted::FirstAbortNever),
+    Form::Counted(Counted::OnceNeverWith),
+    Form::Counted(Counted::OnceImplies),
+    Form::Counted(Counted::OnceStopped),
     Form::LossNever,
 ];
 /// The number of pairs of members with a question.
@@ -262,6 +284,14 @@ impl Made {
             Form::NeverAsFormula => format!("holds ltl \"G !({a} & {b})\""),
             Form::OnlyAfterAsFormula => format!("holds ltl \"!{a}.started W {b}.started\""),
             Form::AfterAsFormula => format!("holds ltl \"G ({a}.done -> G !{b}.started)\""),
+            Form::Counted(Counted::SecondStartNever) => format!("after the 2nd start of {a}: never {b}"),
+            Form::Counted(Counted::SecondEndNever) => format!("after the 2nd end of {a}: never {b}"),
+            Form::Counted(Counted::SecondDoneStopped) => format!("after the 2nd {a}.done: {b} stopped"),
+            Form::Counted(Counted::SecondEndEventually) => format!("after the 2nd end of {a}: eventually {b}.done"),
+            Form::Counted(Counted::FirstAbortNever) => format!("after the 1st abort of {a}: never {b}"),
+            Form::Counted(Counted::OnceNeverWith) => format!("once {a} runs: never {a} with {b}"),
+            Form::Counted(Counted::OnceImplies) => format!("once {b} runs: always {a} implies {b}"),
+            Form::Counted(Counted::OnceStopped) => format!("once {a} runs: {b} stopped"),
             Form::LossNever => format!("on loss of host(c2): never {b}"),
         }
     }
@@ -342,7 +372,7 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
         |breaks: &dyn Fn(&Seen) -> bool| !graph.objects(|_, _, seen| if breaks(seen) { Err(()) } else { Ok(false) });
     // Returns whether no forbidden event happens before the first occurrence of another event, or none from it on.
     let order = |first: (Seat, &[Kind]), forbidden: Seat, is_before: bool| {
-        !graph.objects(|mut was, happened, _| {
+        !graph.objects(|mut was: bool, happened, _| {
             for (seat, kind) in happened {
                 let is_first = *seat == first.0 && first.1.contains(kind);
                 was |= is_first && is_before;
@@ -383,13 +413,14 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
         Form::AfterStartNever => order((a, &[Kind::Started]), b, false),
         Form::AfterEndNever => order((a, ENDS), b, false),
         Form::AtMostOnce => order((a, &[Kind::Started]), a, false),
+        Form::Counted(form) => counted((plan, groups), (form, a, b), graph),
         Form::LossNever => unreachable!("it is asked of another graph"),
         // Simultaneous events have no order in a formula.
-        Form::OnlyAfterAsFormula => !graph.objects(|was, happened, _| {
+        Form::OnlyAfterAsFormula => !graph.objects(|was: bool, happened, _| {
             let has = |seat: Seat| happened.contains(&(seat, Kind::Started));
             if !was && has(a) && !has(b) { Err(()) } else { Ok(was || has(b)) }
         }),
-        Form::AfterAsFormula => !graph.objects(|was, happened, _| {
+        Form::AfterAsFormula => !graph.objects(|was: bool, happened, _| {
             let was = was || happened.contains(&(a, Kind::Done));
             if was && happened.contains(&(b, Kind::Started)) { Err(()) } else { Ok(was) }
         }),
@@ -403,26 +434,115 @@ fn happens(happened: &[(Seat, Kind)], (seat, kinds): (Seat, &[Kind])) -> bool {
     happened.iter().any(|(other, kind)| *other == seat && kinds.contains(kind))
 }
 
+fn counted((plan, groups): (&Plan, Around), (form, a, b): (Counted, Seat, Seat), graph: &Graph) -> bool {
+    match form {
+        Counted::SecondStartNever => never_since_nth(graph, Nth { seat: a, kinds: &[Kind::Started], nth: 2 }, b),
+        Counted::SecondEndNever => never_since_nth(graph, Nth { seat: a, kinds: ENDS, nth: 2 }, b),
+        Counted::FirstAbortNever => never_since_nth(graph, Nth { seat: a, kinds: &[Kind::Failed], nth: 1 }, b),
+        Counted::SecondEndEventually => {
+            let event = Nth { seat: a, kinds: ENDS, nth: 2 };
+            graph.pays_noted(
+                false,
+                (0, false),
+                |(_, is_owed)| is_owed,
+                |(mut count, mut is_owed), happened, _| {
+                    for happened in happened {
+                        is_owed |= event.comes(&mut count, *happened);
+                        is_owed &= *happened != (b, Kind::Done);
+                    }
+                    (count, is_owed)
+                },
+            )
+        }
+        Counted::SecondDoneStopped => {
+            stopped_since((plan, groups), Nth { seat: a, kinds: &[Kind::Done], nth: 2 }, b, graph)
+        }
+        Counted::OnceStopped => {
+            stopped_since((plan, groups), Nth { seat: a, kinds: &[Kind::Started], nth: 1 }, b, graph)
+        }
+        Counted::OnceNeverWith => once(graph, a, &|seen| seen.active.contains(&a) && seen.active.contains(&b)),
+        Counted::OnceImplies => {
+            let has = |seen: &Seen, of: &BTreeSet<Seat>, seat| of.contains(&seat) && !seen.starting.contains(&seat);
+            once(graph, b, &|seen| has(seen, &seen.running, a) && !has(seen, &seen.active, b))
+        }
+    }
+}
+
+/// One occurrence of an event of a member.
+#[derive(Clone, Copy)]
+struct Nth {
+    seat: Seat,
+    kinds: &'static [Kind],
+    nth: u8,
+}
+
+impl Nth {
+    /// Counts an event. Returns whether this is the occurrence.
+    fn comes(self, count: &mut u8, happened: (Seat, Kind)) -> bool {
+        let is_one = happens(&[happened], (self.seat, self.kinds)) && *count < self.nth;
+        *count += u8::from(is_one);
+        is_one && *count == self.nth
+    }
+}
+
+/// Returns whether a member never starts after this occurrence of an event.
+fn never_since_nth(graph: &Graph, event: Nth, forbidden: Seat) -> bool {
+    !graph.objects(|mut count: u8, happened, _| {
+        for happened in happened {
+            if count == event.nth && *happened == (forbidden, Kind::Started) {
+                return Err(());
+            }
+            event.comes(&mut count, *happened);
+        }
+        Ok(count)
+    })
+}
+
+/// Returns whether no state from the first start of a member on is broken.
+fn once(graph: &Graph, first: Seat, breaks: &dyn Fn(&Seen) -> bool) -> bool {
+    !graph.objects(|was: bool, happened, seen| {
+        let was = was || happened.contains(&(first, Kind::Started));
+        if was && breaks(seen) { Err(()) } else { Ok(was) }
+    })
+}
+
 /// Returns whether a member does not run after an event, once all stops in the groups are answered, and whether they
 /// are answered at some time. An order to start the member was given before. The supervisors know of the end of each
 /// group that contains one of the two.
-fn stopped((plan, groups): (&Plan, Around), event: (Seat, &[Kind]), who: Seat, graph: &Graph) -> bool {
+fn stopped(of: (&Plan, Around), (seat, kinds): (Seat, &'static [Kind]), who: Seat, graph: &Graph) -> bool {
+    stopped_since(of, Nth { seat, kinds, nth: 0 }, who, graph)
+}
+
+/// The same after one occurrence of an event. If its number is 0, each occurrence counts.
+fn stopped_since((plan, groups): (&Plan, Around), event: Nth, who: Seat, graph: &Graph) -> bool {
     let is_quiet = |seen: &Seen| {
         let holds = |seat: &Seat, other: Seat| {
             *seat == other || plan.groups[seat.0 as usize].members[seat.1 as usize].kind == MemberKind::Group(other.0)
         };
-        let is_known = |seat: &Seat| !holds(seat, who) && !holds(seat, event.0);
+        let is_known = |seat: &Seat| !holds(seat, who) && !holds(seat, event.seat);
         if groups == Around::All {
             return seen.stopping.is_empty() && seen.starting.is_empty() && seen.unheard.is_empty();
         }
-        ![0, who.0, event.0.0].iter().any(|group| seen.stopping.contains(group))
+        ![0, who.0, event.seat.0].iter().any(|group| seen.stopping.contains(group))
             && !seen.starting.iter().any(|seat| holds(seat, who))
             && seen.unheard.iter().all(is_known)
     };
-    let owes = |was: bool, happened: &[(Seat, Kind)], seen: &Seen| (was || happens(happened, event)) && !is_quiet(seen);
-    let breaks = graph.objects(|was, happened, seen| {
-        let is_due = (was || happens(happened, event)) && is_quiet(seen);
-        if is_due && seen.running.contains(&who) { Err(()) } else { Ok(owes(was, happened, seen)) }
+    let due = |(mut count, mut was): (u8, bool), happened: &[(Seat, Kind)]| {
+        for happened in happened {
+            was |= match event.nth {
+                0 => happens(&[*happened], (event.seat, event.kinds)),
+                _ => event.comes(&mut count, *happened),
+            };
+        }
+        (count, was)
+    };
+    let owes = |note: (u8, bool), happened: &[(Seat, Kind)], seen: &Seen| {
+        let (count, was) = due(note, happened);
+        (count, was && !is_quiet(seen))
+    };
+    let breaks = graph.objects(|note, happened, seen| {
+        let is_due = due(note, happened).1 && is_quiet(seen);
+        if is_due && seen.running.contains(&who) { Err(()) } else { Ok(owes(note, happened, seen)) }
     });
-    !breaks && graph.pays(false, false, owes)
+    !breaks && graph.pays_noted(false, (0, false), |(_, is_owed)| is_owed, owes)
 }

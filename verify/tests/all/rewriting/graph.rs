@@ -53,9 +53,12 @@ pub(crate) struct Graph {
 
 impl Graph {
     /// Returns whether a watcher objects to a transition. The watcher keeps a small number along each way.
-    pub(crate) fn objects(&self, watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> Result<bool, ()>) -> bool {
-        let mut known = BTreeSet::from([(0, false)]);
-        let mut open = vec![(0, false)];
+    pub(crate) fn objects<N: Copy + Default + Ord>(
+        &self,
+        watch: impl Fn(N, &[(Seat, Kind)], &Seen) -> Result<N, ()>,
+    ) -> bool {
+        let mut known = BTreeSet::from([(0, N::default())]);
+        let mut open = vec![(0, N::default())];
         while let Some((state, note)) = open.pop() {
             for edge in &self.edges[state] {
                 let Ok(note) = watch(note, &edge.happened, &self.seen[edge.target]) else { return true };
@@ -89,7 +92,18 @@ impl Graph {
         first: bool,
         watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> bool,
     ) -> bool {
-        let mut back: BTreeMap<(usize, bool), Vec<(usize, bool)>> = BTreeMap::from([((0, first), Vec::new())]);
+        self.pays_noted(is_calm, first, |is_owed| is_owed, watch)
+    }
+
+    /// Returns the same for a watcher with a larger note.
+    pub(crate) fn pays_noted<N: Copy + Ord>(
+        &self,
+        is_calm: bool,
+        first: N,
+        is_owed: impl Fn(N) -> bool,
+        watch: impl Fn(N, &[(Seat, Kind)], &Seen) -> N,
+    ) -> bool {
+        let mut back: BTreeMap<(usize, N), Vec<(usize, N)>> = BTreeMap::from([((0, first), Vec::new())]);
         let mut open = vec![(0, first)];
         while let Some((state, note)) = open.pop() {
             for edge in self.edges[state].iter().filter(|edge| edge.is_natural || !is_calm) {
@@ -103,8 +117,8 @@ impl Graph {
                 }
             }
         }
-        let mut paid: Vec<(usize, bool)> = back.keys().filter(|(_, is_owed)| !is_owed).copied().collect();
-        let mut known: BTreeSet<(usize, bool)> = paid.iter().copied().collect();
+        let mut paid: Vec<(usize, N)> = back.keys().filter(|(_, note)| !is_owed(*note)).copied().collect();
+        let mut known: BTreeSet<(usize, N)> = paid.iter().copied().collect();
         while let Some(at) = paid.pop() {
             paid.extend(back[&at].iter().filter(|from| known.insert(**from)));
         }
