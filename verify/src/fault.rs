@@ -22,7 +22,7 @@ use crate::times::Times;
 use case::{Case, Struck};
 use language::plan::MemberKind;
 pub(crate) use pairs::pairs;
-pub(crate) use settle::{NOTED_AFTER, stops_by_itself_after};
+pub(crate) use settle::{ABSENT_AFTER, MISSED_AFTER, NOTED_AFTER, stops_by_itself_after};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;

@@ -12,10 +12,16 @@ use std::time::Duration;
 /// The longest time from the loss of a host until every other host has noticed it. The next question comes within 1 s, the host counts
 /// as absent 1 s after that question, and as lost 5 s later. Round trips are added to this time.
 pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(7);
-/// Returns the time from the loss of a host until a program beyond it stops by itself, if it does.
+/// The longest time from the loss of a host to the start of its absence. The time of `safe_stop_after` is measured from then.
+pub(crate) const ABSENT_AFTER: Duration = Duration::from_secs(2);
+/// The longest time from the loss of a host until every other host misses it. The next question comes within 1 s, and its answer is
+/// missing 2.5 s later. No program stops by itself before its node misses the host.
+pub(crate) const MISSED_AFTER: Duration = Duration::from_millis(3500);
+
+/// Returns the longest time from the loss of a host until a program beyond it stops by itself, if it does.
 pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
     match policy {
-        LinkLoss::SafeStopAfter(time) => time.saturating_add(Duration::from_secs(1)),
+        LinkLoss::SafeStopAfter(time) => time.saturating_add(ABSENT_AFTER).max(MISSED_AFTER),
         LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => NOTED_AFTER,
     }
 }

@@ -2,13 +2,21 @@
 
 use super::watch::{Forbidden, Goal};
 use super::{Question, follow_starts, place_of};
-use crate::fault::{NOTED_AFTER, stops_by_itself_after, torn};
+use crate::fault::{ABSENT_AFTER, MISSED_AFTER, NOTED_AFTER, stops_by_itself_after, torn};
 use crate::finding::{Assumption, Finding, Verdict};
 use crate::story::seconds;
 use crate::system::{Loss, LossKind, Mode, System};
-use language::plan::MemberKind;
+use language::plan::{LinkLoss, MemberKind};
 use language::sites::{Consequence, Occurrence, ProcessRef};
 use std::time::Duration;
+
+/// The time from the loss of a host until the stop of a program begins.
+#[derive(Clone, Copy, Debug)]
+struct StopWait {
+    time: Duration,
+    /// The program, if it stops because of its own policy. Otherwise, a supervisor or a node orders the stop.
+    by_itself: Option<u32>,
+}
 
 impl<'m> Question<'_, 'm, '_> {
     /// Adds an assumption to the proof that some processes never run at the same time, if they may do so after the loss
@@ -53,21 +61,64 @@ impl<'m> Question<'_, 'm, '_> {
 
     /// Returns a finding if a stop because of the loss of a host may take longer, measured from the moment of the loss.
     fn stops_after_loss(&self, host: u32, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
-        let Some(rest) = limit.checked_sub(NOTED_AFTER) else {
-            let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
-            return Some(self.fails(&why, None));
-        };
         let own = match who.member {
             Some(slot) => self.times.of_member(who.group, slot).stop,
             None => self.times.of_group(who.group).stop,
         };
+        let Some(own) = own else { return self.is_slow(None, limit) };
         // The process's supervisor may be on the lost host, or cut off from it. The process then stops by itself.
-        let by_itself = self.leaves_of(who).into_iter().filter(|leaf| self.is_cut_off(host, *leaf));
-        let by_itself =
-            by_itself.map(|leaf| stops_by_itself_after(self.times.model.plan.leaves[leaf as usize].policy.link_loss));
-        let noted = by_itself.max().unwrap_or(NOTED_AFTER).max(NOTED_AFTER);
-        let stop = own.map(|own| own.saturating_add(noted - NOTED_AFTER));
-        self.is_slow(stop, rest).or_else(|| lost.iter().find_map(|member| self.stops_after(*member, who, rest)))
+        let waits =
+            self.leaves_of(who).into_iter().map(|leaf| self.stop_begins(host, leaf)).max_by_key(|wait| wait.time);
+        let wait = waits.unwrap_or(StopWait { time: NOTED_AFTER, by_itself: None });
+        if wait.time.saturating_add(own) > limit {
+            return Some(self.fails(&self.sum_after_loss(wait, own), None));
+        }
+        let is_ordered = self.leaves_of(who).into_iter().any(|leaf| self.stop_begins(host, leaf).by_itself.is_none());
+        // If the host returns at once, the deaths of its programs are reported without a delay.
+        let rest = if is_ordered { limit.saturating_sub(NOTED_AFTER) } else { limit };
+        lost.iter().find_map(|member| self.stops_after(*member, who, rest))
+    }
+
+    /// Returns the longest time from the loss of a host until the stop of a program begins.
+    fn stop_begins(&self, host: u32, leaf: u32) -> StopWait {
+        let policy = self.times.model.plan.leaves[leaf as usize].policy.link_loss;
+        match policy {
+            LinkLoss::SafeStopAfter(_) if self.is_cut_off(host, leaf) => {
+                StopWait { time: stops_by_itself_after(policy), by_itself: Some(leaf) }
+            }
+            LinkLoss::SafeStopAfter(_) | LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => {
+                StopWait { time: NOTED_AFTER, by_itself: None }
+            }
+        }
+    }
+
+    /// Returns the times whose sum exceeds a limit, and the way to a shorter sum.
+    fn sum_after_loss(&self, wait: StopWait, own: Duration) -> String {
+        let model = self.times.model;
+        let total = seconds(wait.time.saturating_add(own));
+        let stop = format!("the stop takes up to {}", seconds(own));
+        let Some(leaf) = wait.by_itself else {
+            let lost = seconds(NOTED_AFTER);
+            return format!(
+                "it may take {total}: a host counts as lost up to {lost} after its loss, and {stop}; `on_link_loss safe_stop_after 1 s` of a \
+                 program beyond the loss is faster"
+            );
+        };
+        let name = place_of(model, leaf).map_or_else(String::new, |(group, slot)| model.name(group, slot));
+        let from = match model.plan.leaves[leaf as usize].policy.link_loss {
+            LinkLoss::SafeStopAfter(time) if wait.time > MISSED_AFTER => {
+                format!(
+                    "{} after the start of the absence, which is up to {} after the loss",
+                    seconds(time),
+                    seconds(ABSENT_AFTER)
+                )
+            }
+            LinkLoss::SafeStopAfter(_) | LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => format!(
+                "once its node misses the host, up to {} after the loss; no policy is faster, so let the program check the age of its input",
+                seconds(MISSED_AFTER)
+            ),
+        };
+        format!("it may take {total}: {stop}, and `{name}` stops by itself {from}")
     }
 
     /// Returns whether the loss of a host separates a program from its home host, or from a supervisor above it.

@@ -94,11 +94,17 @@ fn stops_after_loss(policy: &str, limit: u32) -> bool {
     verify::sentences(&plan, &sites, &LIMITS).iter().all(|finding| finding.verdict == Verdict::Proved)
 }
 
-/// The node notes the loss after 7 s, and the stop takes 3 s. A process with rules of its own stops up to 1 s after
-/// its stated time.
+/// The node notes the loss after 7 s, and the stop takes 3 s. A process with rules of its own stops up to 2 s after
+/// its stated time, and not before its node misses the host after 3.5 s.
 #[test]
 fn what_is_cut_off_stops_by_its_own_rules() {
-    for (policy, least) in [(";", 10), (" { on_link_loss safe_stop_after 10 s; }", 14)] {
+    let policies = [
+        (";", 10),
+        (" { on_link_loss safe_stop_after 10 s; }", 15),
+        (" { on_link_loss safe_stop_after 2 s; }", 7),
+        (" { on_link_loss safe_stop_after 10 ms; }", 7),
+    ];
+    for (policy, least) in policies {
         assert!(stops_after_loss(policy, least), "`{policy}`: {least} s");
         assert!(!stops_after_loss(policy, least - 1), "`{policy}`: {} s", least - 1);
     }
