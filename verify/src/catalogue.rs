@@ -13,7 +13,7 @@ use crate::model::{Ends, Model, Seat, run_nodes};
 use crate::story::inside::{self, Way};
 use crate::story::{place, story_to_the_end};
 use crate::system::MemberRef;
-use crate::system::{Changed, Frame, Label, Phase, System, escalates};
+use crate::system::{Changed, Frame, Label, Phase, System, escalates, has_order};
 use language::automaton::Failure;
 use language::plan::Expression;
 use language::{Code, Span};
@@ -44,6 +44,8 @@ struct Asked {
     waits: bool,
     /// The parts that get stuck when they are explored alone.
     suspects: Vec<Suspect>,
+    /// The processes that are never started because of the order of timers, each with its group.
+    behind_timers: Vec<(u32, Finding)>,
 }
 
 /// Explores every part. Afterwards the model has the possible ends of each part.
@@ -178,7 +180,7 @@ fn judge(
     catalogue: &mut Catalogue,
     asked: &mut Asked,
 ) {
-    unreached(system, graph, part, catalogue, asked);
+    unreached(system, graph, part, limits, catalogue, asked);
     stops::judge(system, graph, part, limits, catalogue, asked);
     let has_usings = !usings(system, part).is_empty();
     let place = catalogue.findings.len();
@@ -195,32 +197,80 @@ fn judge(
 }
 
 /// Finds the processes of a part that no order of events starts.
-fn unreached(system: &System<'_>, graph: &Graph, part: usize, catalogue: &mut Catalogue, asked: &mut Asked) {
+fn unreached(
+    system: &System<'_>,
+    graph: &Graph,
+    part: usize,
+    limits: &Limits<'_>,
+    catalogue: &mut Catalogue,
+    asked: &mut Asked,
+) {
     let runs = run_nodes(&system.model.parts[part].expression);
-    let mut is_reached = vec![false; runs.len()];
+    let reached = reached(system, graph, &runs);
+    if !reached.contains(&false) {
+        return;
+    }
+    let never = |reached: &[bool]| {
+        let nodes = runs.iter().zip(reached).filter(|(_, reached)| !**reached);
+        nodes.map(|(run, _)| *run).collect::<Vec<_>>()
+    };
+    let advice = "the operand before it never ends in the way that would start it";
+    if !has_order(&system.model.parts[part].expression) {
+        asked.unreached = true;
+        return catalogue.findings.extend(never_started(system, graph, part, &never(&reached), advice));
+    }
+    // A limit explains a process that only the order of timers excludes, if the limit is too short.
+    let mut free = System::new(system.model, part, &|_| false);
+    free.mode = system.mode;
+    free.forget_order();
+    let free_graph = explore(&free, limits, true, &Nobody).graph;
+    let free_reached = self::reached(&free, &free_graph, &runs);
+    let found = never_started(&free, &free_graph, part, &never(&free_reached), advice);
+    asked.unreached |= !found.is_empty();
+    catalogue.findings.extend(found);
+    let behind: Vec<bool> = reached.iter().zip(&free_reached).map(|(reached, free)| *reached || !*free).collect();
+    let advice = "a shorter timer, which begins earlier or together with a longer one, always runs out first";
+    let group = system.model.parts[part].group;
+    let found = never_started(system, graph, part, &never(&behind), advice);
+    asked.behind_timers.extend(found.into_iter().map(|found| (group, found)));
+}
+
+/// Returns for each node that runs a member whether some run reaches it.
+fn reached(system: &System<'_>, graph: &Graph, runs: &[(usize, u32)]) -> Vec<bool> {
+    let mut reached = vec![false; runs.len()];
     graph.which(system, |frame| {
-        for (reached, (node, _)) in is_reached.iter_mut().zip(&runs) {
+        for (reached, (node, _)) in reached.iter_mut().zip(runs) {
             *reached |= frame.states[0].is_node_active(*node);
         }
         false
     });
+    reached
+}
+
+/// Reports nodes that run members and are never reached.
+fn never_started(
+    system: &System<'_>,
+    graph: &Graph,
+    part: usize,
+    nodes: &[(usize, u32)],
+    advice: &str,
+) -> Vec<Finding> {
     let group = system.model.parts[part].group;
-    let mut places = BTreeSet::new();
-    for ((node, member), _) in runs.iter().zip(&is_reached).filter(|(_, reached)| !**reached) {
+    let (mut places, mut found) = (BTreeSet::new(), Vec::new());
+    for (node, member) in nodes {
         for (at, member) in system.model.held_at((part, *node), *member) {
             let span = place(system.model, at.0, at.1);
             if !places.insert(span) {
                 continue;
             }
             let name = system.model.name(group, member);
-            let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
-            let found = help(found, "the operand before it never ends in the way that would start it");
-            asked.unreached = true;
+            let diagnostic = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
             // A group that ends at once is not active in any state: the story consists of its end.
             let state = nearest(system, graph, part, *node).unwrap_or(1).min(graph.store.count() - 1);
-            catalogue.findings.push(Finding::fails(found, Some(story_to_the_end(system, graph, state))));
+            found.push(Finding::fails(help(diagnostic, advice), Some(story_to_the_end(system, graph, state))));
         }
     }
+    found
 }
 
 /// Finds the processes that never start in time because of a limit. Processes that no order of events starts are already
@@ -229,7 +279,15 @@ fn too_late(model: &Model<'_>, catalogue: &mut Catalogue, asked: &mut Asked) {
     let told: BTreeSet<Span> =
         catalogue.findings.iter().filter_map(|found| Some(found.diagnostic.as_ref()?.primary.span)).collect();
     let is_new = |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| !told.contains(&it.primary.span));
-    let found: Vec<Finding> = late::check(&crate::times(model)).into_iter().filter(is_new).collect();
+    let mut found: Vec<Finding> = late::check(&crate::times(model)).into_iter().filter(is_new).collect();
+    // Steps after a step that comes too late have the same cause.
+    let is_inside = |group: u32, found: &Finding| {
+        let nodes = &model.sites.groups[group as usize].nodes;
+        found.diagnostic.as_ref().is_some_and(|it| nodes.contains(&it.primary.span))
+    };
+    let behind = std::mem::take(&mut asked.behind_timers).into_iter();
+    let behind: Vec<_> = behind.filter(|(group, _)| !found.iter().any(|late| is_inside(*group, late))).collect();
+    found.extend(behind.into_iter().map(|(_, found)| found));
     let is_never = |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| it.code == Code::E0812);
     asked.unreached |= found.iter().any(is_never);
     catalogue.findings.extend(found);

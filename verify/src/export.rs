@@ -22,6 +22,8 @@ pub struct Transitions {
 pub fn transitions(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitions {
     let model = Model::of_groups(plan, sites);
     let mut system = System::new(&model, 0, &|_| true);
+    // The models for other tools have no order of timers.
+    system.forget_order();
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
     let graph: Graph = explore(&system, limits, true, &Nobody).graph;
     let states = graph.store.count();

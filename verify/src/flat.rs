@@ -51,14 +51,19 @@ pub enum Detail {
     Count,
     /// Everything.
     All,
+    /// Everything, if timers may elapse in any order, as in an export.
+    AnyOrder,
 }
 
 /// Explores a whole plan.
 pub fn flat(plan: &Plan, sites: &Sites, limits: &Limits<'_>, detail: Detail) -> Flat {
     let model = Model::of_groups(plan, sites);
     let mut system = System::new(&model, 0, &|_| true);
+    if detail == Detail::AnyOrder {
+        system.forget_order();
+    }
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
-    let graph = explore(&system, limits, detail == Detail::All, &Nobody).graph;
+    let graph = explore(&system, limits, detail != Detail::Count, &Nobody).graph;
     let mut flat = Flat {
         states: graph.store.count(),
         transitions: graph.transitions,
@@ -68,7 +73,7 @@ pub fn flat(plan: &Plan, sites: &Sites, limits: &Limits<'_>, detail: Detail) -> 
         stop_hangs: false,
         reached: graph.reached,
     };
-    if detail == Detail::All {
+    if detail != Detail::Count {
         look(&system, &graph, &mut flat);
     }
     flat

@@ -89,7 +89,7 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
     let mut assumptions = vec![
         "a program that is asked to stop stops, or is killed".to_owned(),
         "a program that can end ends at some time, unless `service;` says that it never ends".to_owned(),
-        timers(model.plan).to_owned(),
+        timers(&model),
     ];
     if model.plan.hosts.len() > 1 {
         let lost = "no host is lost, unless a sentence says so: `on loss of host(c1): ...`, and `dca fmea`";
@@ -100,12 +100,16 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
 }
 
 /// The assumption about timers.
-fn timers(plan: &Plan) -> &'static str {
-    let has_activities = plan.groups.iter().any(|group| matches!(group.expression, Expression::Chart(_)));
-    match has_activities {
-        true => "timers may run out in any order, but timers of one activity run out in the order of their times",
-        false => "timers may run out in any order",
-    }
+fn timers(model: &Model<'_>) -> String {
+    let has_activities = model.plan.groups.iter().any(|group| matches!(group.expression, Expression::Chart(_)));
+    let has_order = model.parts.iter().any(|part| system::has_order(&part.expression));
+    let order =
+        if has_order { ", but a timer runs out before a longer one that begins together with it or later" } else { "" };
+    let activities = match has_activities {
+        true => ", but timers of one activity run out in the order of their times",
+        false => "",
+    };
+    format!("timers may run out in any order{order}{activities}")
 }
 
 /// Answers only the sentences of `verify` blocks.

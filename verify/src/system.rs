@@ -10,6 +10,7 @@ mod labels;
 mod loss;
 mod messages;
 mod mode;
+mod order;
 mod reaction;
 mod restart;
 mod transit;
@@ -24,6 +25,7 @@ use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
 pub use mode::FaultKind;
 pub(crate) use mode::{Injection, Mode};
+pub(crate) use order::has_order;
 pub(crate) use reaction::Stepper;
 use restart::Restarts;
 pub(crate) use restart::{crashes, escalates, is_never_done, is_restarted, taken_along};
@@ -221,6 +223,11 @@ impl<'a> System<'a> {
         system
     }
 
+    /// Allows the timers of an expression to elapse in any order.
+    pub(crate) fn forget_order(&mut self) {
+        self.clocks.forget_order();
+    }
+
     /// Returns whether every black box in the system has been explored completely.
     pub(crate) fn is_whole(&self) -> bool {
         self.is_whole
@@ -233,7 +240,7 @@ impl<'a> System<'a> {
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
         let messages = messages::of(&source.expression);
-        self.clocks.add(index, &source.expression);
+        self.clocks.add(&source.expression);
         self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages });
         // A part has a slot for each member of its group, including the members that its pieces
         // run. Members of pieces are never active in the part itself.

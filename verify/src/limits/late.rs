@@ -1,6 +1,6 @@
 //! Finds the steps for which a limit leaves no time: `(a else (wait(20 s) ; b)) within 10 s` never starts `b`.
 //!
-//! An exploration ignores the durations of timers, so these steps are found from the shortest times alone.
+//! An exploration knows the order of a few timers only, and no durations of programs. So these steps are found from the shortest times.
 
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;

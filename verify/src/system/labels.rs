@@ -42,9 +42,9 @@ impl System<'_> {
             if frame.states[unit].hears() {
                 labels.extend(self.messages(unit).map(|number| Label::Told(small(unit), number)));
             }
-            for timer in 0..self.program(unit).timers() {
-                if frame.states[unit].is_armed(self.program(unit), timer) && self.clocks.may_elapse(frame, unit, timer)
-                {
+            let program = self.program(unit);
+            for timer in 0..program.timers() {
+                if frame.states[unit].is_armed(program, timer) && self.clocks.may_elapse(frame, unit, program, timer) {
                     labels.push(Label::Elapsed(small(unit), small(timer as usize)));
                 }
             }

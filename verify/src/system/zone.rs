@@ -8,6 +8,7 @@
 //! Bounds far from 0 are rounded up, so that a short period beside a long time does not create a zone for each tick.
 
 use super::Frame;
+use super::order::Order;
 use crate::model::times_of;
 use language::algebra::{Command, Program};
 use language::automaton::{Action, Target, Transition};
@@ -202,7 +203,8 @@ fn has_effect(transition: &Transition) -> bool {
     transition.target != Target::Stay || !transition.actions.iter().all(is_shown)
 }
 
-fn nanoseconds(time: Duration) -> u64 {
+/// Returns the time of a timer.
+pub(super) fn nanoseconds(time: Duration) -> u64 {
     u64::try_from(time.max(TIMER_LEAST).as_nanos()).unwrap_or(LONGEST).min(LONGEST)
 }
 
@@ -211,9 +213,14 @@ fn common(one: u64, other: u64) -> u64 {
     if other == 0 { one } else { common(other, one % other) }
 }
 
-/// The zones of all activities in a system. A configuration has one number for each.
+/// The order of the timers in a system.
 #[derive(Debug, Default)]
-pub(super) struct Clocks(Vec<Clock>);
+pub(super) struct Clocks {
+    /// The zones of the activities. A configuration has one number for each.
+    zones: Vec<Clock>,
+    /// For each unit, the order of its timers, if there is one.
+    orders: Vec<Option<Order>>,
+}
 
 /// The zones of one unit.
 #[derive(Debug)]
@@ -223,23 +230,34 @@ struct Clock {
 }
 
 impl Clocks {
-    /// Adds a unit, if it is an activity with timers whose order matters.
-    pub(super) fn add(&mut self, unit: usize, expression: &Expression) {
-        self.0.extend(Zones::of(expression).map(|zones| Clock { unit, zones }));
+    /// Adds the next unit.
+    pub(super) fn add(&mut self, expression: &Expression) {
+        let unit = self.orders.len();
+        self.zones.extend(Zones::of(expression).map(|zones| Clock { unit, zones }));
+        self.orders.push(Order::of(expression));
+    }
+
+    /// Allows any order of the timers of expressions.
+    pub(super) fn forget_order(&mut self) {
+        self.orders.fill_with(|| None);
     }
 
     /// Returns how many numbers a configuration has.
     pub(super) fn count(&self) -> usize {
-        self.0.len()
+        self.zones.len()
     }
 
     fn place(&self, unit: usize) -> Option<(usize, &Zones)> {
-        let place = self.0.iter().position(|clock| clock.unit == unit)?;
-        Some((place, &self.0[place].zones))
+        let place = self.zones.iter().position(|clock| clock.unit == unit)?;
+        Some((place, &self.zones[place].zones))
     }
 
     /// Returns whether no other timer of a unit elapses before this one.
-    pub(super) fn may_elapse(&self, frame: &Frame, unit: usize, timer: u32) -> bool {
+    pub(super) fn may_elapse(&self, frame: &Frame, unit: usize, program: &Program, timer: u32) -> bool {
+        let earlier = self.orders[unit].as_ref().map_or(&[][..], |order| order.before(timer));
+        if earlier.iter().any(|earlier| frame.states[unit].is_armed(program, *earlier)) {
+            return false;
+        }
         let Some((place, zones)) = self.place(unit).filter(|(_, zones)| zones.matters(timer)) else { return true };
         let known = zones.known(frame.zones[place]);
         known.is_none_or(|known| known.next.contains(&timer) || known.zone.place(timer).is_none())

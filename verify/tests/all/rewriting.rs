@@ -12,11 +12,13 @@ mod completion;
 mod explore;
 mod graph;
 mod hosts;
+mod order;
 pub(crate) mod random;
 mod rules;
 mod stop;
 mod term;
 pub(crate) mod text;
+mod timed;
 
 use std::ops::Range;
 
@@ -126,6 +128,31 @@ fn compare_hosts(seeds: Range<u64>) {
     assert!(differences.is_empty(), "{} differences beside {specs}: {}", differences.len(), differences[0]);
     assert!(specs >= usize::try_from(asked).unwrap_or(0) * HOSTS_LEAST / 10, "only {specs} specs were compared");
     assert!(holds > specs && fails > specs, "{holds} sentences hold, {fails} do not");
+}
+
+/// The verifier knows an order of timers only if each real clock keeps it.
+#[test]
+fn every_run_with_a_clock_is_one_of_the_verifier() {
+    compare_clocks(0..150);
+}
+
+#[test]
+#[ignore = "long: 5,850 groups with a clock"]
+fn every_run_of_more_groups_with_a_clock_is_one_of_the_verifier() {
+    compare_clocks(150..6_000);
+}
+
+fn compare_clocks(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
+    let (mut timers, mut wrong) = (0, Vec::new());
+    for seed in seeds {
+        match timed::compare(seed) {
+            Ok(elapsed) => timers += elapsed,
+            Err(how) => wrong.push(how),
+        }
+    }
+    assert!(wrong.is_empty(), "{}: {}", wrong.len(), wrong[..wrong.len().min(3)].join("\n"));
+    assert!(timers > asked, "only {timers} timers elapsed");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use language::{Options, Simulation, Source, Transition, compile_with_sites};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::time::Duration;
-use verify::{Alone, Always, Limits, Verdict, verify};
+use verify::{Alone, Always, Detail, Limits, Verdict, flat, verify};
 
 const LIMITS: Limits<'static> = Limits { states: 200_000, memory: 256 << 20, threads: &Alone, goes_on: &Always };
 /// The number of states in which an activity can end. Each has a program that shows that the state was entered.
@@ -222,4 +222,38 @@ fn ticks_are_counted_exactly() {
     assert_eq!(verified(&text(7)).0, [1].into());
     assert_eq!(verified(&text(8)).0, [0].into());
     assert_eq!(simulated(&text(7), &[]), [1].into());
+}
+
+/// The specs of the repository that have a plan without interfaces.
+fn specs() -> Vec<(String, language::plan::Plan, language::sites::Sites)> {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let folders = ["specs", "verify/tests/corpus/good", "verify/tests/corpus/bad", "verify/tests/mistakes/good"];
+    let mut all = Vec::new();
+    for entry in folders.iter().flat_map(|folder| std::fs::read_dir(root.join(folder)).expect("it is there")) {
+        let path = entry.expect("it can be read").path();
+        if path.extension().is_some_and(|kind| kind == "dca") {
+            let text = std::fs::read_to_string(&path).expect("it can be read");
+            let (compiled, sites) = compile_with_sites(&Source::new("a.dca", text), &[], &Options::named("a"));
+            all.extend(compiled.plan.zip(sites).map(|(plan, sites)| (path.display().to_string(), plan, sites)));
+        }
+    }
+    all
+}
+
+#[test]
+fn the_order_of_timers_only_takes_states_away() {
+    let limits = Limits { states: 20_000, ..LIMITS };
+    let (mut fewer, mut compared) = (0, 0);
+    for (name, plan, sites) in specs() {
+        let ordered = flat(&plan, &sites, &limits, Detail::All);
+        let free = flat(&plan, &sites, &limits, Detail::AnyOrder);
+        if ordered.reached.is_some() || free.reached.is_some() {
+            continue;
+        }
+        assert!(ordered.states <= free.states && ordered.transitions <= free.transitions, "{name}");
+        assert!(ordered.situations.is_subset(&free.situations), "{name}");
+        compared += 1;
+        fewer += u32::from(ordered.transitions < free.transitions);
+    }
+    assert!(compared > 50 && fewer > 2, "{fewer} of {compared} specs have fewer transitions");
 }

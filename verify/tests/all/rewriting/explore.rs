@@ -1,6 +1,7 @@
 //! Explores all possible behaviour of a small group, by brute force over the reference: every order of events, without
 //! any reduction.
 
+use super::order::keep_next;
 use super::rules::{Event, Order, Reference};
 use super::term::{Conf, Outcome};
 use language::algebra::Value;
@@ -145,6 +146,7 @@ fn moves(at: &Seen, reference: &Reference, group: &Group, tags: &Tags, trouble: 
     all.extend(seen.stopping.iter().map(|&member| Move::Leaf(Event::Stopped(member))));
     let mut timers = Vec::new();
     armed(conf, &mut timers);
+    keep_next(&group.expression, &mut timers);
     all.extend(timers.into_iter().map(|timer| Move::Leaf(Event::Elapsed(timer))));
     all
 }

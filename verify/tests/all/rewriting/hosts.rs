@@ -11,6 +11,7 @@ mod loss;
 
 use super::explore::armed;
 use super::graph::{Edge, Graph, Kind, Seat, Seen};
+use super::order::keep_next;
 use super::rules::{Event, Order, Reference};
 use super::term::{Conf, Left, Outcome, Why};
 use language::algebra::Value;
@@ -280,6 +281,7 @@ impl<'p> World<'p> {
         for (group, supervisor) in (0_u32..).zip(&self.supervisors).filter(|(group, _)| !self.is_silent(*group)) {
             let mut timers = Vec::new();
             supervisor.conf.iter().for_each(|conf| armed(conf, &mut timers));
+            keep_next(&self.plan.groups[group as usize].expression, &mut timers);
             all.extend(timers.into_iter().map(|timer| Move::Elapsed(group, timer)));
         }
         all.extend(self.orders.iter().map(|&group| Move::Reached(group)));
