@@ -114,7 +114,14 @@ pub(crate) fn compare(seed: u64) -> Compared {
         }
     }
     let is_asked = |form: &Form| made.is_on_two_hosts() || !matches!(form, Form::LossNever);
-    let forms = |(a, b)| FORMS.into_iter().filter(is_asked).map(move |form| (form, a, b));
+    // A group with an order to stop counts as stopped for the verifier, even if it fails before the order reaches it.
+    let is_program =
+        |(group, slot): Seat| matches!(made.groups[group as usize].members[slot as usize].kind, MemberKind::Leaf(_));
+    let counts = |form: &Form, a| !matches!(form, Form::Counted(Counted::FirstAbortNever)) || is_program(a);
+    let forms = |(a, b)| {
+        let asked = FORMS.into_iter().filter(is_asked).filter(move |form| counts(form, a));
+        asked.map(move |form| (form, a, b))
+    };
     let asked: Vec<(Form, Seat, Seat)> = pairs.into_iter().flat_map(forms).collect();
     let words: Vec<String> = asked.iter().map(|asked| made.words(*asked)).collect();
     let (text, tags) = made.text(&words);
