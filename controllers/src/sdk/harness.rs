@@ -4,17 +4,23 @@
 //! transfer time later. A [`Disturbance`] simulates a busy machine: calculations are delayed, transfers take longer,
 //! and samples are lost. Modules with the same time run in the order in which their calculations were armed.
 
+mod calls;
 mod disturbance;
+mod lines;
 
 use super::arguments::Arguments;
 use super::controller::{Progress, Stopping};
 use super::interface::{Binding, Direction};
 use super::module::{Delivery, DeliveryError, Module};
 use super::random::Random;
+pub use calls::CallEnd;
+use comms::logic::control::{MessageFate, PortMessage};
 use comms::logic::human::span;
+use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 pub use disturbance::Disturbance;
+use lines::{Lines, Wire};
 use std::collections::BTreeMap;
 use std::time::Duration;
 use thiserror::Error;
@@ -85,7 +91,7 @@ pub enum ConnectError {
 pub struct Harness {
     now: Time,
     slots: Vec<Slot>,
-    wires: Vec<Wire>,
+    lines: Lines,
     queue: BTreeMap<(Time, u64), HarnessEvent>,
     reports: Vec<Report>,
     numbered: u64,
@@ -144,15 +150,25 @@ enum State {
     Stopping { ending: Ending, until: Time },
 }
 
-struct Wire {
-    from: (usize, &'static str),
-    to: (usize, &'static str),
-    open: u32,
-}
-
 enum HarnessEvent {
-    Calculate { slot: usize, token: u64 },
-    Deliver { slot: usize, port: &'static str, bytes: Vec<u8> },
+    Calculate {
+        slot: usize,
+        token: u64,
+    },
+    Deliver {
+        slot: usize,
+        port: &'static str,
+        bytes: Vec<u8>,
+    },
+    /// A call has come to its server.
+    Serve {
+        call: u64,
+    },
+    /// The answer to a call has come back, or its time is over.
+    Answer {
+        call: u64,
+        result: Result<Vec<u8>, ObjectError>,
+    },
 }
 
 impl std::fmt::Debug for Harness {
@@ -167,7 +183,7 @@ impl Harness {
         Self {
             now: Time::ZERO,
             slots: Vec::new(),
-            wires: Vec::new(),
+            lines: Lines::default(),
             queue: BTreeMap::new(),
             reports: Vec::new(),
             numbered: 0,
@@ -232,8 +248,9 @@ impl Harness {
         if from_type != to_type {
             return Err(ConnectError::Types { from: from_type, to: to_type });
         }
-        self.wires.push(Wire { from: (from.0.0, from_port), to: (to.0.0, to_port), open: 0 });
-        Ok(WireId(self.wires.len() - 1))
+        let wire = Wire { from: (from.0.0, from_port), to: (to.0.0, to_port), is_call: false, open: 0 };
+        self.lines.wires.push(wire);
+        Ok(WireId(self.lines.wires.len() - 1))
     }
 
     fn port(
@@ -256,12 +273,12 @@ impl Harness {
 
     /// Opens a wire. It stays open until it has been closed as often as it was opened.
     pub fn open(&mut self, wire: WireId) {
-        self.wires[wire.0].open += 1;
+        self.lines.wires[wire.0].open += 1;
     }
 
     /// Closes a wire once.
     pub fn close(&mut self, wire: WireId) {
-        let open = &mut self.wires[wire.0].open;
+        let open = &mut self.lines.wires[wire.0].open;
         *open = open.saturating_sub(1);
     }
 
@@ -272,7 +289,7 @@ impl Harness {
             self.reports.push(Report { at: now, module, ending: Ending::Aborted("it is busy".to_owned()) });
             return;
         }
-        match slot.module.init(value, now) {
+        match slot.module.init_with(&self.lines.connected(module.0), value, now) {
             Ok(()) => {
                 slot.state = State::Running;
                 slot.deadline = now;
@@ -306,8 +323,50 @@ impl Harness {
         if !matches!(slot.state, State::Idle) {
             slot.state = State::Idle;
             slot.token += 1;
+            self.lines.end_all(module.0);
             self.reports.push(Report { at: now, module, ending: Ending::Aborted("SIGKILL".to_owned()) });
         }
+    }
+
+    /// Replaces an active module by a new program, like a node that starts a dead program again. The module calculates again
+    /// once it is activated; no report tells of its death.
+    pub fn replace(&mut self, module: ModuleId, made: Box<dyn Module>) {
+        let slot = &mut self.slots[module.0];
+        (slot.module, slot.state) = (made, State::Idle);
+        slot.token += 1;
+        self.lines.end_all(module.0);
+    }
+
+    /// Cuts the network between these modules and all others, until the next cut: values, calls and answers are lost. An
+    /// empty list heals the cut.
+    pub fn cut(&mut self, modules: &[ModuleId]) {
+        self.lines.cut(modules);
+    }
+
+    /// Sends an encoded value through an output, as if the module had sent it.
+    ///
+    /// # Errors
+    /// If there is no such output.
+    pub fn send_from(&mut self, module: ModuleId, port: &str, bytes: &[u8]) -> Result<(), ConnectError> {
+        let (port, _) = self.port(module, port, Direction::Out)?;
+        for (to, input) in self.receivers(module.0, port) {
+            if !self.lines.is_cut(module.0, to) {
+                self.transfer(to, input, bytes.to_vec());
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the messages for the node of a module with the ports of an activity.
+    pub fn take_messages(&mut self, module: ModuleId) -> Vec<PortMessage> {
+        let mut messages = Vec::new();
+        self.slots[module.0].module.drain_messages(self.now, &mut |message| messages.push(message));
+        messages
+    }
+
+    /// Hands over the fate of a message of [`Harness::take_messages`].
+    pub fn received(&mut self, module: ModuleId, number: u64, fate: MessageFate) {
+        self.slots[module.0].module.received(number, fate);
     }
 
     /// Restarts an active module without its memory, like a supervisor that restarts only this module.
@@ -316,6 +375,7 @@ impl Harness {
             let slot = &mut self.slots[module.0];
             slot.state = State::Idle;
             slot.token += 1;
+            self.lines.end_all(module.0);
             self.activate(module, value);
         }
     }
@@ -351,6 +411,7 @@ impl Harness {
             if !self.reports.is_empty() {
                 return Some(self.reports.remove(0));
             }
+            self.take_answers();
             match self.queue.first_key_value() {
                 Some((&(at, _), _)) if at <= until => {}
                 _ => {
@@ -363,6 +424,8 @@ impl Harness {
             match happening {
                 HarnessEvent::Calculate { slot, token } => self.calculate(slot, token),
                 HarnessEvent::Deliver { slot, port, bytes } => self.deliver(slot, port, bytes),
+                HarnessEvent::Serve { call } => self.serve(call),
+                HarnessEvent::Answer { call, result } => self.answer(call, result),
             }
         }
     }
@@ -421,7 +484,7 @@ impl Harness {
 
     fn deliver(&mut self, slot: usize, port: &'static str, mut bytes: Vec<u8>) {
         let (now, receiver) = (self.now, &mut self.slots[slot]);
-        if matches!(receiver.state, State::Idle) {
+        if matches!(receiver.state, State::Idle) && !receiver.module.hears_idle() {
             return;
         }
         if let Some(meddler) = &mut self.meddler {
@@ -431,6 +494,8 @@ impl Harness {
         let held = receiver.held.0 <= now && now < receiver.held.1;
         let delivery = match receiver.module.deliver(port, &bytes, now) {
             Err(DeliveryError::NotFinite { .. }) => return,
+            // The ports of an activity count a value that they cannot read.
+            Err(_) if receiver.module.hears_idle() => return,
             taken => taken.expect("connect has compared the types"),
         };
         if delivery == Delivery::Triggers && !held && matches!(receiver.state, State::Running) {
@@ -480,6 +545,7 @@ impl Harness {
         };
         stopped.state = State::Idle;
         stopped.token += 1;
+        self.lines.end_all(slot);
         self.reports.push(Report { at: now, module: ModuleId(slot), ending });
     }
 
@@ -491,10 +557,13 @@ impl Harness {
             if let Some(listener) = &mut self.listener {
                 listener(&Sent { at: self.now, module: ModuleId(slot), port, bytes: &bytes });
             }
-            for (to, input) in self.receivers(slot, port) {
-                self.transfer(to, input, bytes.clone());
+            for receiver in self.receivers(slot, port) {
+                if !self.lines.is_cut(slot, receiver.0) {
+                    self.transfer(receiver.0, receiver.1, bytes.clone());
+                }
             }
         }
+        self.send_calls(slot);
     }
 
     /// Starts the transfer of a sample to an input; the network may lose it.
@@ -514,7 +583,8 @@ impl Harness {
         let binding = self.slots[slot].module.interface().port(port).map_or(Binding::Wire, |port| port.binding);
         let other = match binding {
             Binding::Wire => {
-                let open = self.wires.iter().filter(|wire| wire.open > 0 && wire.from == (slot, port));
+                let open =
+                    self.lines.wires.iter().filter(|wire| !wire.is_call && wire.open > 0 && wire.from == (slot, port));
                 return open.map(|wire| wire.to).collect();
             }
             Binding::Client => Binding::Owner,
