@@ -1,18 +1,24 @@
 //! A whole deployment in one thread on virtual time, with the real plan, the real algebra and the real controllers.
 //!
-//! `algebra::step` runs every group, and every leaf runs its controller under the virtual harness. Events and orders between a
-//! leaf and its supervisor, and between supervisors, take one fixed latency. Nothing else is simulated: no node, no network and no
-//! process.
+//! `algebra::step` runs every group and every activity, and every leaf runs its controller under the virtual harness. Events and
+//! orders between a leaf and its supervisor, and between supervisors, take one fixed latency. An activity takes the messages for
+//! its ports every 4 ms. A host can be cut off for values and calls. Nothing else is simulated: no node and no process. So no host
+//! is ever lost, and no supervisor starts a dead program again.
 
+use comms::logic::control::{MessageFate, PortMessage};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 pub use controllers::sdk::harness::Sample;
-use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId, Report, WireId};
+use controllers::sdk::harness::{CallEnd, Disturbance, Ending, Harness, ModuleId, Report, WireId};
+use controllers::sdk::{Module, Registry};
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::{Argument, Constant, MemberKind, Plan, Transfer};
-use language::{Options, Source, Style, compile, render};
+use language::plan::{
+    Argument, Constant, Expression, Leaf as PlanLeaf, MemberKind, Notice, PORTS, Plan, StateChart, Transfer,
+};
+use language::{Content, Options, Source, Style, compile, gather, render};
 use rustix::process::setpriority_process;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Duration;
 
 /// The time from a leaf's end to its supervisor's reaction, and from one supervisor to the next.
@@ -27,10 +33,29 @@ const WITH_TIME: i32 = 10;
 /// # Errors
 /// Returns the diagnostics in readable form.
 pub fn plan(name: &str, text: &str) -> Result<Plan, String> {
-    let spec = Source::new(name, text);
-    let interfaces = [Source::new("controllers", controllers::registry().interface_text())];
-    let compiled = compile(&spec, &interfaces, &Options::named(name));
-    compiled.plan.ok_or_else(|| render(&compiled.diagnostics, &spec, &interfaces, Style::Plain))
+    plan_with(&Source::new(name, text), &[Source::new("controllers", controllers::registry().interface_text())])
+}
+
+/// Compiles a spec together with the files that it uses.
+///
+/// # Errors
+/// Returns the diagnostics in readable form.
+pub fn plan_with(spec: &Source, files: &[Source]) -> Result<Plan, String> {
+    let compiled = compile(spec, files, &Options::named(&spec.name));
+    compiled.plan.ok_or_else(|| render(&compiled.diagnostics, spec, files, Style::Plain))
+}
+
+/// Returns the files that a spec on the disk uses.
+pub fn files_of(spec: &Source) -> Vec<Source> {
+    gather(spec, &|path| {
+        let told = |error: std::io::Error| error.to_string();
+        if !Path::new(path).is_dir() {
+            return std::fs::read_to_string(path).map(Content::File).map_err(told);
+        }
+        let names = std::fs::read_dir(path).map_err(told)?;
+        let names = names.map(|entry| Ok(entry.map_err(told)?.file_name().to_string_lossy().into_owned()));
+        names.collect::<Result<Vec<_>, String>>().map(Content::Folder)
+    })
 }
 
 /// The ending of a deployment.
@@ -48,10 +73,11 @@ pub enum Finish {
 #[derive(Debug)]
 pub struct Simulation {
     plan: Plan,
+    registry: Registry,
     harness: Harness,
     groups: Vec<Supervisor>,
     leaves: Vec<Leaf>,
-    wires: Vec<Option<WireId>>,
+    wires: Vec<WireId>,
     queue: BTreeMap<(Time, u64), (usize, Event)>,
     numbered: u64,
     finish: Option<Finish>,
@@ -90,22 +116,32 @@ impl Simulation {
     /// # Errors
     /// Names the leaf or wire that cannot be made.
     pub fn new(plan: Plan, disturbance: Disturbance) -> Result<Self, String> {
+        Self::with(plan, disturbance, controllers::registry())
+    }
+
+    /// Makes every leaf and every wire of a plan whose controllers are in `registry`, but starts nothing yet.
+    ///
+    /// # Errors
+    /// Names the leaf or wire that cannot be made.
+    pub fn with(plan: Plan, disturbance: Disturbance, registry: Registry) -> Result<Self, String> {
         give_way();
-        let registry = controllers::registry();
         let mut harness = Harness::new(disturbance);
         let mut modules = Vec::new();
         for leaf in &plan.leaves {
-            let arguments: Vec<String> = leaf.arguments.iter().map(spelled).collect();
-            let made = registry.create_at("", "", &leaf.module, &arguments);
-            modules.push(harness.add(made.map_err(|error| format!("{}: {error}", leaf.path))?));
+            modules.push(harness.add(made(&registry, leaf)?));
         }
         let mut wires = Vec::new();
         for wire in &plan.wires {
             let from = (modules[wire.from.leaf as usize], wire.from.port.as_str());
             let to = (modules[wire.to.leaf as usize], wire.to.port.as_str());
-            // Calls are not simulated.
-            let is_data = wire.transfer != Transfer::Call;
-            wires.push(is_data.then(|| harness.connect(from, to)).transpose().map_err(|error| error.to_string())?);
+            let connected = match wire.transfer {
+                Transfer::Push | Transfer::Pull => harness.connect(from, to),
+                Transfer::Call => {
+                    let [caller, server] = [from, to].map(|(module, name)| CallEnd { module, name });
+                    harness.connect_call(caller, server)
+                }
+            };
+            wires.push(connected.map_err(|error| error.to_string())?);
         }
         let mut parents = BTreeMap::new();
         let mut leaf_parents = BTreeMap::new();
@@ -128,7 +164,7 @@ impl Simulation {
         let queue = BTreeMap::from([((Time::ZERO, 0), (0, Event::Start(Value::EMPTY)))]);
         let steps = vec![Vec::new(); plan.groups.len()];
         let (numbered, finish, loses, unconfirmed) = (0, None, None, None);
-        Ok(Self { plan, harness, groups, leaves, wires, queue, numbered, finish, steps, loses, unconfirmed })
+        Ok(Self { plan, registry, harness, groups, leaves, wires, queue, numbered, finish, steps, loses, unconfirmed })
     }
 
     /// Returns the present time.
@@ -182,6 +218,46 @@ impl Simulation {
             self.harness.restart(leaf, &[]);
         }
         leaf.is_some()
+    }
+
+    /// Kills the leaf whose path ends with `path`, and starts it again at once, like a node whose policy says so. The new program
+    /// has no memory. Returns whether it was active.
+    ///
+    /// # Panics
+    /// Panics if the leaf cannot be made a second time.
+    pub fn kill_and_restart(&mut self, path: &str) -> bool {
+        let index = self.plan.leaves.iter().position(|leaf| leaf.path.ends_with(path));
+        let Some(index) = index.filter(|index| self.harness.is_active(self.leaves[*index].module)) else {
+            return false;
+        };
+        let again = made(&self.registry, &self.plan.leaves[index]).expect("it was made before");
+        self.harness.replace(self.leaves[index].module, again);
+        self.harness.activate(self.leaves[index].module, &[]);
+        true
+    }
+
+    /// Cuts a host off: no value and no call passes. None heals the cut.
+    pub fn cut(&mut self, host: Option<&str>) {
+        let number = host.and_then(|host| self.plan.hosts.iter().position(|known| known == host));
+        let far = self.plan.leaves.iter().zip(&self.leaves).filter(|(leaf, _)| Some(leaf.host as usize) == number);
+        self.harness.cut(&far.map(|(_, leaf)| leaf.module).collect::<Vec<_>>());
+    }
+
+    /// Gives an activity a notice, like a person or a node. Returns whether the activity waits for such a notice.
+    pub fn tell(&mut self, path: &str, notice: &Notice) -> bool {
+        let Some(group) = self.plan.groups.iter().position(|group| group.path == path) else { return false };
+        let event = self.chart(group).and_then(|chart| chart.notice(notice));
+        let is_known = event.is_some();
+        event.into_iter().for_each(|event| self.put(self.now() + LATENCY, group, event));
+        is_known
+    }
+
+    /// Returns the active states of an activity that have no active inner states.
+    pub fn states(&self, path: &str) -> Vec<&str> {
+        let Some(index) = self.plan.groups.iter().position(|group| group.path == path) else { return Vec::new() };
+        let group = &self.groups[index];
+        let Some((automaton, place)) = group.program.automaton().zip(group.state.chart()) else { return Vec::new() };
+        place.leaves(automaton).filter_map(|state| Some(automaton.chart().states.get(state)?.name.as_str())).collect()
     }
 
     /// Returns the steps of the supervisor of each group.
@@ -241,7 +317,9 @@ impl Simulation {
     fn run_until(&mut self, until: Time) {
         while self.finish.is_none() {
             let event_at = self.queue.first_key_value().map(|(key, _)| key.0).filter(|at| *at <= until);
-            if let Some(report) = self.harness.run(event_at.unwrap_or(until)) {
+            let report = self.harness.run(event_at.unwrap_or(until));
+            self.take_messages();
+            if let Some(report) = report {
                 self.report(report);
             } else if event_at.is_some() {
                 if let Some((_, (group, event))) = self.queue.pop_first() {
@@ -250,6 +328,61 @@ impl Simulation {
             } else {
                 return;
             }
+        }
+    }
+
+    fn chart(&self, group: usize) -> Option<&StateChart> {
+        let expression = &self.plan.groups.get(group)?.expression;
+        if let Expression::Chart(chart) = expression { Some(chart) } else { None }
+    }
+
+    /// Hands the messages at the ports of activities to the activities.
+    fn take_messages(&mut self) {
+        for (group, leaf) in self.port_leaves() {
+            let module = self.leaves[leaf].module;
+            for message in self.harness.take_messages(module) {
+                let (number, fate) = (message.number, self.take_message(group, message));
+                self.harness.received(module, number, fate);
+            }
+        }
+    }
+
+    /// Returns each activity with connections, with the leaf that has its ports.
+    fn port_leaves(&self) -> Vec<(usize, usize)> {
+        let groups = (0_u32..).zip(&self.plan.groups);
+        let with_ports = groups.filter_map(|(group, _)| Some((group as usize, self.plan.ports_of(group)?.1 as usize)));
+        with_ports.collect()
+    }
+
+    /// Gives an activity a message, by the rules of a node.
+    fn take_message(&mut self, group: usize, message: PortMessage) -> MessageFate {
+        let PortMessage { port, value, priority, has_receipt, .. } = message;
+        let supervisor = &self.groups[group];
+        let place = supervisor.program.automaton().zip(supervisor.state.chart());
+        let event = self.chart(group).and_then(|chart| {
+            let number = chart.inputs.iter().position(|name| *name == port)?;
+            chart.value_at(u32::try_from(number).ok()?, Value::new(&value), priority)
+        });
+        let (Some((automaton, place)), Some(event)) = (place.filter(|_| !supervisor.state.is_idle()), event) else {
+            return MessageFate::Idle;
+        };
+        if let Event::Message { port, .. } = &event
+            && has_receipt
+            && place.has_no_room(automaton, *port as usize, priority)
+        {
+            return MessageFate::Full;
+        }
+        self.react(group, event);
+        MessageFate::Taken
+    }
+
+    /// Sends a value of an activity through the program with its ports.
+    fn send(&mut self, group: usize, output: u32, value: &Value) {
+        let leaf = u32::try_from(group).ok().and_then(|group| self.plan.ports_of(group));
+        let port = self.chart(group).and_then(|chart| chart.outputs.get(output as usize)).cloned();
+        if let (Some((_, leaf)), Some(port)) = (leaf, port) {
+            let module = self.leaves[leaf as usize].module;
+            self.harness.send_from(module, &port, value.bytes()).expect("the plan has this output");
         }
     }
 
@@ -304,9 +437,7 @@ impl Simulation {
 
     fn switch(&mut self, group: usize, set: u32, switch: fn(&mut Harness, WireId)) {
         for wire in &self.plan.groups[group].sets[set as usize].wires {
-            if let Some(wire) = self.wires[*wire as usize] {
-                switch(&mut self.harness, wire);
-            }
+            switch(&mut self.harness, self.wires[*wire as usize]);
         }
     }
 
@@ -335,8 +466,8 @@ impl Simulation {
             }
             // The activation number of a late timer shows that it was cancelled, so the late timer is dropped.
             Command::Cancel { .. } => {}
-            // No program receives the messages of an activity.
-            Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => {}
+            Command::Send { output, value } => self.send(group, output, &value),
+            Command::Log { .. } | Command::Lost { .. } => {}
         }
     }
 
@@ -382,6 +513,14 @@ impl Simulation {
             Cause::NoMatch => format!("{path}: no arm of `match` has this outcome"),
         }
     }
+}
+
+/// Makes the controller of a leaf.
+fn made(registry: &Registry, leaf: &PlanLeaf) -> Result<Box<dyn Module>, String> {
+    let arguments: Vec<String> = leaf.arguments.iter().map(spelled).collect();
+    let ports = (leaf.module == PORTS).then(controllers::activity_ports);
+    let made = ports.as_ref().unwrap_or(registry).create_at("", &leaf.path, &leaf.module, &arguments);
+    made.map_err(|error| format!("{}: {error}", leaf.path))
 }
 
 /// Returns an argument in the form that the controller kit reads.

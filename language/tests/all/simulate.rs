@@ -1,6 +1,6 @@
 //! Every file of `specs/` and every good file of the corpus runs in simulation, with and without faults.
 
-use language::{Ending, Options, RandomRun, Simulation, Source, Transition, compile};
+use language::{Content, Ending, Options, RandomRun, Simulation, Source, Transition, compile, gather};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -16,13 +16,25 @@ fn files(folder: &str) -> Vec<PathBuf> {
     files
 }
 
+/// Reads a file or a folder that a spec uses.
+fn content(path: &str) -> Result<Content, String> {
+    let told = |error: std::io::Error| error.to_string();
+    if !Path::new(path).is_dir() {
+        return std::fs::read_to_string(path).map(Content::File).map_err(told);
+    }
+    let names = std::fs::read_dir(path).map_err(told)?;
+    let names = names.map(|entry| Ok(entry.map_err(told)?.file_name().to_string_lossy().into_owned()));
+    names.collect::<Result<Vec<_>, String>>().map(Content::Folder)
+}
+
 /// Runs a spec by chance; returns its outcome, if it can be run and has ended.
 fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<Transition>> {
     let read =
         |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).expect("a spec is text"));
     let interface = path.with_extension("interface");
-    let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
-    let plan = compile(&read(path), &interfaces, &Options::named("sim")).plan?;
+    let mut others = gather(&read(path), &content);
+    others.extend(interface.exists().then(|| read(&interface)));
+    let plan = compile(&read(path), &others, &Options::named("sim")).plan?;
     let mut simulation = Simulation::start(&plan);
     let mut chance = RandomRun::new(&plan, seed, faults);
     for _ in 0..STEPS_MAX {

@@ -82,6 +82,7 @@ mod terminal;
 mod through;
 mod tidy;
 mod top;
+mod tour;
 mod undelivered;
 mod view_foxglove;
 mod view_page;
