@@ -6,7 +6,7 @@ mod revoked;
 pub(crate) mod signer;
 mod statuses;
 
-use crate::ConnectArgs;
+use crate::{ConnectArgs, RunDir};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::{OpenError, Presence, Replies, Session};
@@ -76,12 +76,22 @@ pub(crate) struct Clients {
 
 impl Clients {
     /// Connects through nodes of this machine. With `--lan`, if no permanent node runs on this machine, looks for nodes on the network.
+    /// If the user has named a folder with `--run-dir` and nodes run in it, connects only to these nodes.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
+        Self::open_with(connect, connect.commands()).await
+    }
+
+    /// Connects like [`Clients::open`], and always to the nodes inside each `dca run` below the named folder as well.
+    pub(crate) async fn open_all(connect: &ConnectArgs) -> Result<Self, Failure> {
+        Self::open_with(connect, connect.all_commands()).await
+    }
+
+    async fn open_with(connect: &ConnectArgs, commands: Vec<PathBuf>) -> Result<Self, Failure> {
         let standing = Client::open(connect).await;
         let keys = connect.key_place();
         let (mut clients, mut hanging) = (Vec::new(), None);
-        for folder in run_dir::groups(&connect.base()).iter().filter(|folder| **folder != connect.base()) {
-            match Client::through(folder, &keys, &BTreeSet::new()).await {
+        for folder in commands {
+            match Client::through(&folder, &keys, &BTreeSet::new()).await {
                 Ok(client) => clients.extend(client),
                 // A command that has just begun or ended is left out. A command that does not answer is left out as
                 // well if others answer.
@@ -195,24 +205,31 @@ impl Client {
 
     /// Connects through a permanent node of this machine.
     pub(crate) async fn here(run_dir: Option<&Path>) -> Result<Self, Failure> {
-        Self::open(&ConnectArgs { run_dir: run_dir.map(Path::to_owned), ..ConnectArgs::default() }).await
+        let run_dir = run_dir.map(|folder| RunDir { folder: folder.to_owned(), is_named: true });
+        Self::open(&ConnectArgs { run_dir, ..ConnectArgs::default() }).await
     }
 
     /// Connects like [`Client::open`]. If no permanent node can be used, connects to the only running `dca run`.
     pub(crate) async fn open_any(connect: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Self::open(connect).await;
-        let base = connect.base();
-        let commands: Vec<PathBuf> = run_dir::groups(&base).into_iter().filter(|folder| *folder != base).collect();
+        let commands = connect.commands();
         match (standing, &commands[..]) {
-            (Ok(client), _) => Ok(client),
+            (Ok(client), []) => Ok(client),
+            (Ok(client), several) => {
+                let (base, several) = (connect.base(), options(several.iter().map(PathBuf::as_path)));
+                console::note(&format!(
+                    "note: this asks only the nodes in `{}`; others run: {several}",
+                    base.display()
+                ));
+                Ok(client)
+            }
             (Err(failure), []) => Err(failure),
             (Err(failure), [folder]) => {
                 Self::through(folder, &connect.key_place(), &BTreeSet::new()).await?.ok_or(failure)
             }
             (Err(_), several) => {
-                let several: Vec<String> = several.iter().map(|folder| folder.display().to_string()).collect();
-                let several = several.join("` or `");
-                Err(anyhow!("several `dca run` commands are running; choose one with `--run-dir`: `{several}`").into())
+                let several = options(several.iter().map(PathBuf::as_path));
+                Err(anyhow!("several `dca run` commands are running; choose one: {several}").into())
             }
         }
     }
@@ -266,6 +283,21 @@ impl Client {
     /// Returns the node of this machine through which the connection goes. None if there is no such node.
     pub(crate) fn local(&self) -> Option<&str> {
         self.local.as_deref()
+    }
+
+    /// Returns the folder with the socket of the node that the connection goes through. Returns nothing if the
+    /// connection goes through no node of this machine.
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        self.base.as_deref().filter(|_| self.local.is_some())
+    }
+
+    /// Returns how a user chooses between things of the same name: with `--run-dir`, because their nodes do not know of
+    /// each other. `clients` has the connection to each of them. Returns nothing if all names differ.
+    pub(crate) fn choice<'a>(clients: impl Iterator<Item = &'a Self>, names: &[String]) -> Option<String> {
+        let folders: BTreeSet<Option<&Path>> = clients.map(Self::folder).collect();
+        let are_same = names.iter().collect::<BTreeSet<_>>().len() < names.len();
+        (are_same && folders.len() > 1)
+            .then(|| format!("each has nodes of its own; choose one: {}", options(folders.into_iter().flatten())))
     }
 
     /// Returns which fleet of nodes the connection reaches.
@@ -457,6 +489,12 @@ impl Answers {
             () = clock::sleep_until(deadline) => None,
         }
     }
+}
+
+/// Returns the options that choose one of these folders, for a message.
+fn options<'a>(folders: impl Iterator<Item = &'a Path>) -> String {
+    let options: Vec<String> = folders.map(|folder| format!("`--run-dir {}`", folder.display())).collect();
+    options.join(" or ")
 }
 
 /// Extends the deadline of a search: the link to one of the nodes was still being made at `now`.

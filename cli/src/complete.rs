@@ -6,7 +6,7 @@
 use crate::client::{Client, Clients, Statuses};
 use crate::json::with_json;
 use crate::logic::completion::{Process, processes as process_words};
-use crate::{Command, ConnectArgs, project};
+use crate::{Command, ConnectArgs, RunDir, project};
 use clap::{ArgMatches, CommandFactory as _};
 use clap_complete::CompleteEnv;
 use clap_complete::engine::CompletionCandidate;
@@ -115,7 +115,7 @@ fn connect(words: impl Iterator<Item = OsString>) -> ConnectArgs {
     let mut next: Option<&ArgMatches> = matches.as_ref();
     while let Some(matches) = next {
         let path = |id| matches.try_get_one::<PathBuf>(id).ok().flatten().cloned();
-        connect.run_dir = path("run_dir").or(connect.run_dir);
+        connect.run_dir = matches.try_get_one::<RunDir>("run_dir").ok().flatten().cloned().or(connect.run_dir);
         connect.key_folder = path("key_folder").or(connect.key_folder);
         connect.lan |= matches.try_get_one::<bool>("lan").ok().flatten().copied().unwrap_or_default();
         next = matches.subcommand().map(|(_, matches)| matches);
@@ -146,9 +146,10 @@ mod tests {
     #[test]
     fn the_folder_of_a_command_that_is_being_written_counts() {
         let connect = |words: &[&str]| connect(words.iter().map(OsString::from));
+        let named = |folder: &str| RunDir { folder: folder.into(), is_named: true };
         let of = connect(&["dca", "stop", "--run-dir", "/tmp/x", "--lan", "do"]);
-        assert_eq!((of.run_dir, of.lan), (Some("/tmp/x".into()), true));
-        assert_eq!(connect(&["dca", "param", "get", "--run-dir=/tmp/y", "f"]).run_dir, Some("/tmp/y".into()));
+        assert_eq!((of.run_dir, of.lan), (Some(named("/tmp/x")), true));
+        assert_eq!(connect(&["dca", "param", "get", "--run-dir=/tmp/y", "f"]).run_dir, Some(named("/tmp/y")));
         assert_eq!(connect(&["dca", "st"]).run_dir, None);
     }
 }

@@ -88,7 +88,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Request::Estop(Estop { by: user::name_and_host(), reason: arguments.reason.clone().unwrap_or_default() })
     };
     let hosts = block_on(async {
-        let clients = Clients::open(&arguments.connect).await?;
+        // An emergency stop reaches every group of nodes, even if the user has named a folder.
+        let clients = Clients::open_all(&arguments.connect).await?;
         let hosts = everywhere(&clients, &request).await;
         clients.close().await;
         hosts

@@ -70,7 +70,9 @@ pub mod verify;
 mod viewer;
 mod work;
 
-use clap::{Args, CommandFactory as _, Parser, Subcommand};
+use clap::builder::{PathBufValueParser, TypedValueParser};
+use clap::parser::ValueSource;
+use clap::{Arg, Args, CommandFactory as _, Parser, Subcommand, ValueHint};
 use client::signer::KeyPlace;
 use comms::io::core_dump;
 use comms::io::session::{self, Role};
@@ -78,6 +80,7 @@ use language::Assignment;
 use node::console::{finish, on_own_stack, parsed_by};
 use node::io::{logging, run_dir};
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -209,8 +212,8 @@ pub struct ConnectArgs {
     #[arg(long)]
     pub lan: bool,
     /// Folder with the sockets of this machine's nodes [env: DCA_RUN_DIR]
-    #[arg(long, value_name = "DIR")]
-    pub run_dir: Option<PathBuf>,
+    #[arg(long, value_name = "DIR", value_parser = RunDirParser, value_hint = ValueHint::DirPath)]
+    pub run_dir: Option<RunDir>,
     /// The folder with your key, for nodes in a team [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
     #[arg(long = "keys", value_name = "DIR")]
     pub key_folder: Option<PathBuf>,
@@ -242,8 +245,57 @@ impl ConnectArgs {
 
     /// Returns the folder with the sockets of this machine's nodes, as an absolute path.
     fn base(&self) -> PathBuf {
-        let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);
+        let base = self.run_dir.as_ref().map_or_else(run_dir::default_base, |named| named.folder.clone());
         std::path::absolute(&base).unwrap_or(base)
+    }
+
+    /// Returns whether the user has named a folder in which nodes run. Then the user means only these nodes.
+    fn is_group(&self) -> bool {
+        let is_named = self.run_dir.as_ref().is_some_and(|named| named.is_named);
+        is_named && run_dir::running(&self.base()).is_ok_and(|nodes| !nodes.is_empty())
+    }
+
+    /// Returns the folders of the commands on this machine that have nodes of their own and that the user may mean.
+    fn commands(&self) -> Vec<PathBuf> {
+        if self.is_group() { Vec::new() } else { self.all_commands() }
+    }
+
+    /// Returns the folders of all commands on this machine that have nodes of their own.
+    fn all_commands(&self) -> Vec<PathBuf> {
+        let base = self.base();
+        run_dir::groups(&base).into_iter().filter(|folder| *folder != base).collect()
+    }
+}
+
+/// The folder with the sockets of this machine's nodes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunDir {
+    folder: PathBuf,
+    /// Whether the user has written the folder in this command. A folder from the environment or from the project file
+    /// chooses no group of nodes.
+    is_named: bool,
+}
+
+/// Reads a [`RunDir`].
+#[derive(Clone, Debug)]
+struct RunDirParser;
+
+impl TypedValueParser for RunDirParser {
+    type Value = RunDir;
+
+    fn parse_ref(&self, command: &clap::Command, arg: Option<&Arg>, value: &OsStr) -> Result<RunDir, clap::Error> {
+        self.parse_ref_(command, arg, value, ValueSource::CommandLine)
+    }
+
+    fn parse_ref_(
+        &self,
+        command: &clap::Command,
+        arg: Option<&Arg>,
+        value: &OsStr,
+        source: ValueSource,
+    ) -> Result<RunDir, clap::Error> {
+        let folder = PathBufValueParser::new().parse_ref(command, arg, value)?;
+        Ok(RunDir { folder, is_named: source == ValueSource::CommandLine })
     }
 }
 
@@ -384,9 +436,28 @@ fn run_verb() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::FromArgMatches as _;
 
     #[test]
     fn every_verb_can_be_parsed() {
         Command::command().debug_assert();
+    }
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        connect: ConnectArgs,
+    }
+
+    #[test]
+    fn only_a_written_folder_chooses_a_group_of_nodes() {
+        let usual = || Line::command().mut_arg("run_dir", |run_dir| run_dir.default_value("/usual"));
+        let check = |words: &[&str], folder: &str, is_named| {
+            let matches = usual().get_matches_from(std::iter::once(&"dca").chain(words));
+            let connect = Line::from_arg_matches(&matches).unwrap().connect;
+            assert_eq!(connect.run_dir, Some(RunDir { folder: folder.into(), is_named }));
+        };
+        check(&[], "/usual", false);
+        check(&["--run-dir", "/usual"], "/usual", true);
     }
 }

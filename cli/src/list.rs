@@ -85,11 +85,13 @@ async fn listed(
     let is_meant =
         |deployment: &Deployment, path: &str| instance.is_none_or(|name| name.process.is_process(deployment, path));
     let (mut places, mut is_any, mut rows) = (BTreeSet::new(), false, Vec::new());
-    let mut requests = JoinSet::new();
+    let (mut requests, mut reached, mut names) = (JoinSet::new(), Vec::new(), Vec::new());
     for (client, statuses) in &all {
         for leaf in leaves(&statuses.nodes) {
             if is_meant(leaf.deployment, &leaf.process.path) {
                 is_any = true;
+                reached.push(*client);
+                names.push(format!("{}:{}", leaf.deployment.name, leaf.process.path));
                 places.insert((leaf.deployment.clone(), leaf.host.to_owned()));
             }
         }
@@ -111,6 +113,9 @@ async fn listed(
     }
     if let (false, Some(instance)) = (is_any, instance) {
         return Err(absent::no_process_of(&instance.process, &all, &away));
+    }
+    if let Some(how) = Client::choice(reached.into_iter(), &names) {
+        console::note(&format!("note: some of these programs run more than once: {how}"));
     }
     let mut exported = BTreeSet::new();
     while let Some(joined) = requests.join_next().await {

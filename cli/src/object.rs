@@ -205,12 +205,16 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ProcessName) -> Vec<Progr
     for program in &mut meant {
         let Some((deployment, path)) = program.at.process.stands_for() else { continue };
         let is_that = |other: &&Program<'a>| {
-            (other.at.host, &*other.at.deployment.name, other.path()) == (program.at.host, deployment, path)
+            let is_there = (other.client.folder(), other.at.host) == (program.client.folder(), program.at.host);
+            is_there && (&*other.at.deployment.name, other.path()) == (deployment, path)
         };
         *program = programs.iter().find(is_that).copied().unwrap_or(*program);
     }
     let mut known = BTreeSet::new();
-    meant.retain(|program| known.insert((program.at.host, program.at.deployment, program.at.process.path.as_str())));
+    meant.retain(|program| {
+        let at = &program.at;
+        known.insert((program.client.folder(), at.host, at.deployment, at.process.path.as_str()))
+    });
     meant
 }
 
@@ -222,10 +226,10 @@ async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &Process
         [one] => *one,
         several => {
             let names = several.iter().map(|one| format!("`{}:{}`", one.at.deployment.name, one.path()));
-            let names = names.collect::<Vec<_>>().join(", ");
-            return Err(
-                anyhow!("several processes are called `{name}`: {names}; give the whole path of one process").into()
-            );
+            let names: Vec<String> = names.collect();
+            let choice = Client::choice(several.iter().map(|one| one.client), &names);
+            let how = choice.unwrap_or_else(|| "give the whole path of one process".to_owned());
+            return Err(anyhow!("several processes are called `{name}`: {}; {how}", names.join(", ")).into());
         }
     };
     let (deployment, path) = (program.at.deployment, program.path());

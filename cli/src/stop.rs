@@ -210,12 +210,12 @@ pub(crate) async fn locate<'a>(
         }
         [(client, part, _)] => Ok(Located { client, deployment: part.deployment.clone(), home: part.home.clone() }),
         [] => Err(absent::not_running(name, &all).await),
-        _ => Err(anyhow!(
-            "`{name}` runs {} times on this machine: each has nodes of its own; choose one with `--run-dir`, or end it \
-             with Ctrl-C where it was started",
-            found.len()
-        )
-        .into()),
+        _ => {
+            let names: Vec<String> = found.iter().map(|(_, part, _)| part.deployment.name.clone()).collect();
+            let how = Client::choice(found.iter().map(|(client, _, _)| *client), &names);
+            let how = how.unwrap_or_else(|| "give its whole name".to_owned());
+            Err(anyhow!("`{name}` runs {} times on this machine; {how}", found.len()).into())
+        }
     }
 }
 

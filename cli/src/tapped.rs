@@ -186,43 +186,43 @@ async fn find<'a>(
     arguments: &TapArgs,
 ) -> Result<(&'a Client, Deployment, String, Vec<Program>), Failure> {
     let (wanted, all) = (&arguments.output, clients.statuses().await?);
-    let mut meant: BTreeMap<Deployment, (&Client, BTreeMap<String, BTreeSet<String>>)> = BTreeMap::new();
+    let mut found = Vec::new();
     for (client, statuses) in &all {
+        let mut meant: BTreeMap<&Deployment, BTreeMap<&str, BTreeSet<&str>>> = BTreeMap::new();
         for leaf in leaves(&statuses.nodes) {
             if wanted.process().is_process(leaf.deployment, &leaf.process.path) {
-                let (_, hosts) = meant.entry(leaf.deployment.clone()).or_insert((*client, BTreeMap::new()));
-                hosts.entry(leaf.host.to_owned()).or_default().insert(leaf.process.path.clone());
+                let hosts = meant.entry(leaf.deployment).or_default();
+                hosts.entry(leaf.host).or_default().insert(&leaf.process.path);
             }
         }
-    }
-    let mut found = Vec::new();
-    for (deployment, (client, hosts)) in meant {
-        let mut programs = Vec::new();
-        for (host, paths) in hosts {
-            let located = locations(client, &host, &deployment).await?;
-            let here = located.into_iter().filter(|(path, _)| paths.contains(path));
-            programs.extend(here.map(|(path, dial)| Program { path, host: host.clone(), dial }));
-        }
-        if !programs.is_empty() {
-            found.push((client, deployment, programs));
+        for (deployment, hosts) in meant {
+            let mut programs = Vec::new();
+            for (host, paths) in hosts {
+                let located = locations(client, host, deployment).await?;
+                let here = located.into_iter().filter(|(path, _)| paths.contains(path.as_str()));
+                programs.extend(here.map(|(path, dial)| Program { path, host: host.to_owned(), dial }));
+            }
+            if !programs.is_empty() {
+                found.push((*client, deployment.clone(), programs));
+            }
         }
     }
     let what = format!("process with an output `{wanted}`");
     if found.len() > 1 {
         let names: Vec<String> = found.iter().map(|(_, deployment, _)| format!("`{}`", deployment.name)).collect();
-        return Err(anyhow!(
-            "several deployments have a {what}: {}; write the name of a deployment before it, as in `{}:{}`",
-            names.join(", "),
-            found[0].1.name,
-            wanted.bare()
-        )
-        .into());
+        let how = Client::choice(found.iter().map(|(client, ..)| *client), &names).unwrap_or_else(|| {
+            format!("write the name of a deployment before it, as in `{}:{}`", found[0].1.name, wanted.bare())
+        });
+        return Err(anyhow!("several deployments have a {what}: {}; {how}", names.join(", ")).into());
     }
     let Some((client, deployment, programs)) = found.pop() else {
         return Err(absent::no_output(wanted, &all).await);
     };
-    let mut parts = all.iter().flat_map(|(_, statuses)| &statuses.nodes).flat_map(|node| &node.deployments);
-    let home = parts.find(|part| part.deployment == deployment).map(|part| part.home.clone());
+    let nodes = all.iter().filter(|(other, _)| std::ptr::eq(*other, client)).flat_map(|(_, statuses)| &statuses.nodes);
+    let home = nodes
+        .flat_map(|node| &node.deployments)
+        .find(|part| part.deployment == deployment)
+        .map(|part| part.home.clone());
     let home = home.ok_or_else(|| anyhow!("`{deployment}` has no home"))?;
     Ok((client, deployment, home, programs))
 }

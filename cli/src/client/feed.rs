@@ -147,7 +147,7 @@ impl Feed {
             clock::sleep_until(clock::now() + ANSWER_WITHIN).await;
             late.send(SourceMessage::Late).await.unwrap_or_default();
         });
-        if mode != Mode::Snapshot {
+        if mode != Mode::Snapshot && !connect.is_group() {
             feed.tasks.spawn(look_for_commands(connect.base(), known, feed.sink.clone()));
         }
         feed.caught_up();

@@ -3,8 +3,7 @@
 //! On a terminal, one table is drawn repeatedly. Otherwise, a line is printed for each process that has changed. With
 //! `--json`, a line is printed for each state of everything.
 
-use super::{Arguments, asked, nodes, only, text};
-use crate::absent::Absences;
+use super::{Arguments, Group, asked, nodes, text};
 use crate::client::Clients;
 use crate::client::feed::{Feed, Mode};
 use crate::logic::process_name::DeploymentName;
@@ -13,8 +12,7 @@ use crate::reader::Reader;
 use comms::io::clock;
 use comms::logic::time::Time;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::NodeStatus;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::pin::pin;
 use std::time::Duration;
@@ -29,8 +27,7 @@ const AGAIN_AFTER: Duration = Duration::from_millis(50);
 /// The state when the nodes were last asked.
 #[derive(Debug, Default)]
 struct View {
-    statuses: Vec<NodeStatus>,
-    away: Absences,
+    groups: Vec<Group>,
     /// If no state was received, the reason.
     failure: Option<String>,
 }
@@ -68,7 +65,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             tokio::select! {
                 seen = &mut looking => {
                     view = seen;
-                    only(&mut view.statuses, &mut view.away, arguments.name.as_ref());
+                    if let Some(name) = &arguments.name {
+                        view.groups.iter_mut().for_each(|group| group.only(name));
+                    }
                     looking.set(look(feed.clients(), Some(clock::now()), &happened));
                     is_read = shown.show(&view, arguments.name.as_ref())?;
                 }
@@ -96,7 +95,7 @@ async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
         }
     }
     match asked(clients.look().await).await {
-        Ok((statuses, away)) => View { statuses, away, failure: None },
+        Ok(groups) => View { groups, failure: None },
         Err(failure) => View { failure: Some(crate::client::words(&failure)), ..View::default() },
     }
 }
@@ -134,13 +133,14 @@ impl View {
         let mut table = format!("{}   (Ctrl-C to leave)\n\n", when());
         match &self.failure {
             Some(why) => table.push_str(why),
-            None if self.statuses.is_empty() => {}
-            None => table.push_str(&text(&self.statuses, &self.away, name)),
+            None => table.push_str(&text(&self.groups, name)),
         }
-        let silent = self.away.silent.iter().filter(|host| !self.away.back.contains(*host));
-        let silent = silent.map(|host| format!("warning: `{host}` does not answer"));
-        for warning in silent.chain(self.away.warnings()) {
-            write!(table, "\n{warning}").unwrap_or_default();
+        for Group { away, .. } in &self.groups {
+            let silent = away.silent.iter().filter(|host| !away.back.contains(*host));
+            let silent = silent.map(|host| format!("warning: `{host}` does not answer"));
+            for warning in silent.chain(away.warnings()) {
+                write!(table, "\n{warning}").unwrap_or_default();
+            }
         }
         table
     }
@@ -148,39 +148,47 @@ impl View {
     /// Returns the state of each process and each host.
     fn lines(&self) -> BTreeMap<String, String> {
         let mut lines = BTreeMap::new();
-        for node in &self.statuses {
-            lines.insert(format!("{}  node", node.host), "answers".to_owned());
-            for part in &node.deployments {
-                for process in &part.processes {
-                    let what = format!("{}  {}  {}", node.host, part.deployment, process.path);
-                    let pid = process.pid.map(|pid| format!("  pid {pid}")).unwrap_or_default();
-                    lines.insert(what, format!("{}{pid}", process.state));
+        for group in &self.groups {
+            for node in &group.statuses {
+                let host = group.robot(&node.host);
+                lines.insert(format!("{host}  node"), "answers".to_owned());
+                for part in &node.deployments {
+                    for process in &part.processes {
+                        let what = format!("{host}  {}  {}", part.deployment, process.path);
+                        let pid = process.pid.map(|pid| format!("  pid {pid}")).unwrap_or_default();
+                        lines.insert(what, format!("{}{pid}", process.state));
+                    }
                 }
+                let waiting = node.waiting.iter();
+                lines.extend(waiting.map(|one| (format!("{host}  {}", one.name), one.state().to_owned())));
+            }
+            for process in &group.away.processes {
+                let what = format!("{}  {}  {}", group.robot(&process.host), process.deployment, process.path);
+                lines.insert(what, format!("unknown ({})", group.away.word(&process.host)));
             }
         }
-        for (node, one) in self.statuses.iter().flat_map(|node| node.waiting.iter().map(move |one| (node, one))) {
-            lines.insert(format!("{}  {}", node.host, one.name), one.state().to_owned());
-        }
-        for process in &self.away.processes {
-            let what = format!("{}  {}  {}", process.host, process.deployment, process.path);
-            lines.insert(what, format!("unknown ({})", self.away.word(&process.host)));
-        }
-        let away = self.away.silent.iter().chain(&self.away.revoked);
-        for host in away.chain(self.away.hosts.iter().map(|one| &one.host)) {
-            lines.insert(format!("{host}  node"), self.away.word(host));
-        }
+        lines.extend(self.away().into_iter().map(|(robot, word)| (format!("{robot}  node"), word)));
         lines
+    }
+
+    /// Returns the hosts that do not answer, each with its state in words.
+    fn away(&self) -> BTreeMap<String, String> {
+        let of_group = |group: &Group| {
+            let away = &group.away;
+            let hosts = away.silent.iter().chain(&away.revoked).chain(away.hosts.iter().map(|one| &one.host));
+            hosts.map(|host| (group.robot(host), away.word(host))).collect::<Vec<_>>()
+        };
+        self.groups.iter().flat_map(of_group).collect()
     }
 
     /// Keeps the known processes of hosts that do not answer, so that they are not reported as ended.
     fn keep_unknown(&self, before: &BTreeMap<String, String>, now: &mut BTreeMap<String, String>) {
-        let away = self.away.silent.iter().chain(&self.away.revoked).chain(self.away.hosts.iter().map(|one| &one.host));
-        let away: BTreeSet<&str> = away.map(String::as_str).collect();
-        let is_away = |host: &str| self.failure.is_some() || away.contains(host);
+        let away = self.away();
         for what in before.keys() {
-            let host = what.split("  ").next().unwrap_or_default();
-            if !now.contains_key(what) && is_away(host) {
-                let word = self.away.word(host);
+            let robot = what.split("  ").next().unwrap_or_default();
+            let is_away = self.failure.is_some() || away.contains_key(robot);
+            if !now.contains_key(what) && is_away {
+                let word = away.get(robot).cloned().unwrap_or_else(|| format!("{robot} does not answer"));
                 let is_node = what.ends_with("  node");
                 now.insert(what.clone(), if is_node { word } else { format!("unknown ({word})") });
             }
@@ -189,7 +197,7 @@ impl View {
 
     /// Returns everything on one line. Also returns it without the parts that are different each time.
     fn json(&self) -> serde_json::Result<(String, String)> {
-        let mut nodes = nodes(&self.statuses, &self.away);
+        let mut nodes = nodes(&self.groups);
         let line = serde_json::to_string(&nodes)?;
         for node in &mut nodes {
             node.status.up = Duration::ZERO;
@@ -241,8 +249,14 @@ fn drawn(text: &str, before: usize, rows: usize, columns: usize) -> (String, usi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::absent::Absences;
     use crate::logic::tree::tests::door_node;
-    use node::logic::protocol::WaitingDeployment;
+    use node::logic::protocol::{NodeStatus, WaitingDeployment};
+    use view::Fleet;
+
+    fn seen(statuses: Vec<NodeStatus>, away: Absences) -> View {
+        View { groups: vec![Group { statuses, away, ..Group::default() }], failure: None }
+    }
 
     #[test]
     fn a_table_takes_the_place_of_the_one_before_and_fits() {
@@ -255,7 +269,7 @@ mod tests {
 
     #[test]
     fn what_has_changed_is_a_line() {
-        let view = |state| View { statuses: vec![door_node("c1", &[("main/hit", state, Some(7))])], ..View::default() };
+        let view = |state| seen(vec![door_node("c1", &[("main/hit", state, Some(7))])], Absences::default());
         let (first, second) = (view("idle").lines(), view("running").lines());
         let said = |before: &BTreeMap<String, String>, now: &BTreeMap<String, String>| {
             let lines = changed(before, now);
@@ -274,19 +288,29 @@ mod tests {
         let unknown = ["c1  door@1  main/hit  unknown (c1 does not answer)", "c1  node  c1 does not answer"];
         assert_eq!(after(View { failure: Some("nobody answers".to_owned()), ..View::default() }), unknown);
         let silent = Absences { silent: ["c1".to_owned()].into(), ..Absences::default() };
-        assert_eq!(after(View { away: silent, ..View::default() }), unknown);
+        assert_eq!(after(seen(Vec::new(), silent)), unknown);
+    }
+
+    #[test]
+    fn hosts_of_one_name_in_two_groups_have_a_line_each() {
+        let mut view = seen(vec![door_node("c1", &[("main/hit", "idle", Some(7))])], Absences::default());
+        let statuses = vec![door_node("c1", &[("main/hit", "running", Some(8))])];
+        view.groups.push(Group { statuses, fleet: Fleet::Command(9), ..Group::default() });
+        let lines = view.lines();
+        assert_eq!(lines["c1  door@1  main/hit"], "idle  pid 7");
+        assert_eq!(lines["c1 (command 9)  door@1  main/hit"], "running  pid 8");
     }
 
     #[test]
     fn time_that_passes_is_no_change() {
-        let mut view = View { statuses: vec![door_node("c1", &[("main", "running", None)])], ..View::default() };
+        let mut view = seen(vec![door_node("c1", &[("main", "running", None)])], Absences::default());
         let (by, resumes, hosts) = (String::new(), None, Vec::new());
         let (begins_in, at_most) = (Duration::from_secs(9), Duration::from_secs(99));
         let waiting = WaitingDeployment { name: "m".into(), by, resumes, begins_in, hosts, at_most };
-        view.statuses[0].waiting = vec![waiting];
+        view.groups[0].statuses[0].waiting = vec![waiting];
         let (before, lines) = (view.json().unwrap(), view.lines());
-        view.statuses[0].up = Duration::from_secs(5);
-        view.statuses[0].waiting[0].begins_in = Duration::from_secs(4);
+        view.groups[0].statuses[0].up = Duration::from_secs(5);
+        view.groups[0].statuses[0].waiting[0].begins_in = Duration::from_secs(4);
         assert_eq!((&lines["c1  m"], view.lines()), (&"waits to begin".to_owned(), lines.clone()));
         let after = view.json().unwrap();
         assert_ne!(before.0, after.0);

@@ -371,6 +371,55 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     cluster.expect_nothing_left(std::time::Duration::from_secs(2));
 }
 
+/// A node of this machine and a `dca run` may both have a host `c1` and a run `idle@1`. Both are shown, and each can be
+/// chosen by its folder.
+#[test]
+fn a_run_beside_a_node_is_shown_and_can_be_chosen() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("c1", &[]);
+    let file = cluster.file("idle.dca", IDLE);
+    let (mission, run) = (here.mission(&file), here.dca(&["run", "--no-record", &file]));
+    run.wait_for(Stream::Err, "▸", SOON);
+    // The folder from the environment chooses no group of nodes.
+    let usual = |arguments: &[&str]| {
+        let mut command = Command::new(executable("dca"));
+        command.args(arguments).env("DCA_RUN_DIR", here.run_dir()).current_dir(cluster.folder());
+        let ended = command.output().expect("it starts");
+        let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+        Ended { code: ended.status.code(), signal: None, out: text(ended.stdout), err: text(ended.stderr) }
+    };
+    let standing = here.run_dir().display().to_string();
+    let inside = format!("{standing}/run+{}", run.pid());
+    let status = usual(&["status"]);
+    assert_eq!((status.code, status.out.matches("idle@1").count()), (Some(0), 2), "{status}");
+    assert!(status.out.contains(&format!("nodes in `{standing}`:\nidle@1")), "{status}");
+    assert!(status.out.contains(&format!("nodes in `{inside}`, of command {}:\nidle@1", run.pid())), "{status}");
+    let choice = format!("choose one: `--run-dir {standing}` or `--run-dir {inside}`");
+    for arguments in [
+        &["stop", "idle"][..],
+        &["stop", "idle@1"],
+        &["logs", "idle"],
+        &["ctl", "idle", "ask"],
+        &["replace", "idle", "idle"],
+        &["call", "idle.Grip"],
+    ] {
+        let several = usual(arguments);
+        assert!(several.code == Some(1) && several.err.contains(&choice), "{arguments:?}: {several}");
+    }
+    let parameters = usual(&["param", "list"]);
+    assert!(parameters.err.contains(&format!("others run: `--run-dir {inside}`")), "{parameters}");
+    let chosen = usual(&["status", "--run-dir", &standing]);
+    assert_eq!((chosen.code, chosen.out.matches("idle@1").count()), (Some(0), 1), "{chosen}");
+    let stopped = usual(&["stop", "idle", "--run-dir", &inside]);
+    assert_eq!((stopped.code, run.ended(SOON).code), (Some(0), Some(1)), "{stopped}");
+    assert!(mission.is_running(), "the mission of the node continues");
+    let stopped = usual(&["stop", "idle", "--run-dir", &standing]);
+    assert_eq!((stopped.code, mission.ended(SOON).code), (Some(0), Some(1)), "{stopped}");
+    node.signal(Signal::TERM);
+    node.ended(SOON);
+}
+
 /// A member may abort while the others of `a , b` continue. It then looks different from a member that waits for its
 /// turn.
 #[test]
