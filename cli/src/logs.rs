@@ -1,25 +1,22 @@
 //! `dca logs`: prints the output of a process, wherever it runs.
 
+mod form;
 mod list;
+mod recorded;
 
-use crate::client::{Answers, Clients, Statuses, unasked, words};
+use crate::client::{Answers, Client, Clients, Statuses, unasked, words};
 use crate::complete;
-use crate::follow::RUNS;
-use crate::io::recorder;
 use crate::logic::process_name::ProcessName;
 use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use clap_complete::ArgValueCompleter;
+use form::{Form, Writer};
 use node::console::{self, Failure, block_on};
-use node::io::{folder, run_dir};
-use node::logic::printable::Printable;
+use node::io::run_dir;
 use node::logic::protocol::{Answer, Deployment, NodeStatus, Request, SEVERAL, leaves};
 use std::collections::BTreeSet;
-use std::path::PathBuf;
-
-/// The most records that are searched for the output of a process that does not run any more.
-const RECORDS_MAX: usize = 20;
+use std::path::{Path, PathBuf};
 
 /// The arguments of `dca logs`.
 #[derive(Debug, clap::Args)]
@@ -31,8 +28,8 @@ pub struct Arguments {
     /// Also print new output
     #[arg(short, long)]
     follow: bool,
-    /// List the processes as JSON
-    #[arg(long, conflicts_with_all = ["follow", "raw"])]
+    /// Print each line of the output as an object of JSON; without a process, print the list as JSON
+    #[arg(long, conflicts_with = "raw")]
     json: bool,
     /// Print the bytes of the output unchanged: control characters may do anything to a terminal
     #[arg(long)]
@@ -51,6 +48,15 @@ impl Arguments {
     /// Returns the name of the process. It is empty for all processes, or for all processes of a deployment.
     fn name(&self) -> ProcessName {
         self.process.clone().unwrap_or_else(|| ProcessName::new(""))
+    }
+
+    /// Returns the form of the output. `writer` wrote it.
+    fn form(&self, writer: Writer) -> Form {
+        match (self.json, self.raw) {
+            (true, _) => Form::json(writer),
+            (false, true) => Form::Raw,
+            (false, false) => Form::text(),
+        }
     }
 
     fn is_meant(&self, deployment: &Deployment, path: &str) -> bool {
@@ -77,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     match without {
         None => Ok(()),
         // The run is over, and no node has the output any more. Its record still has it.
-        Some(NoOutput::Over(failure)) => recorded(arguments).unwrap_or(Err(failure)),
+        Some(NoOutput::Over(failure)) => recorded::print(arguments).unwrap_or(Err(failure)),
         // The record of an earlier run would be a wrong answer.
         Some(NoOutput::Unknown(failure)) => Err(Failure::Unreachable(anyhow!(
             "{}; `--recorded` reads the latest record in `{}` instead",
@@ -111,8 +117,8 @@ async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> 
 
 /// Returns whether a node runs on this machine.
 fn runs_any(connect: &ConnectArgs) -> bool {
-    let runs = |folder: &PathBuf| run_dir::running(folder).is_ok_and(|nodes| !nodes.is_empty());
-    run_dir::groups(&connect.base()).iter().any(runs)
+    let runs = |folder: &Path| run_dir::running(folder).is_ok_and(|nodes| !nodes.is_empty());
+    std::iter::once(connect.base()).chain(connect.commands()).any(|folder| runs(&folder))
 }
 
 /// Prints the output of the process. If no node has it, returns the reason.
@@ -126,7 +132,8 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutp
         [(client, (host, deployment, process))] => {
             let request = request(arguments, Some(deployment.clone()), process.clone());
             let answers = client.ask_on(host, &request)?;
-            pass(host, answers, None, arguments.raw).await.map(|()| None)
+            let writer = Writer { host: Some(host.clone()), process: process.clone() };
+            pass(host, answers, None, arguments.form(writer)).await.map(|()| None)
         }
         [] => {
             let away = absent::ask(&all).await;
@@ -143,9 +150,10 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutp
         }
         many => {
             let of = |(_, (_, deployment, path)): &(_, (_, String, String))| format!("`{deployment}:{path}`");
-            let all = many.iter().map(of).collect::<Vec<_>>().join(", ");
-            let how = "give more of the path, or the deployment before it: `DEPLOYMENT:INSTANCE`";
-            Err(anyhow!("`{}` may be any of {all}; {how}", arguments.name()).into())
+            let names: Vec<String> = many.iter().map(of).collect();
+            let path = "give more of the path, or the deployment before it: `DEPLOYMENT:INSTANCE`";
+            let how = Client::choice(many.iter().map(|(client, _)| *client), &names).unwrap_or_else(|| path.to_owned());
+            Err(anyhow!("`{}` may be any of {}; {how}", arguments.name(), names.join(", ")).into())
         }
     }
 }
@@ -165,7 +173,9 @@ async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure
             let mut answers = client.ask_on(&host, &request)?;
             let Some(Ok(answer)) = answers.next().await else { continue };
             if let Answer::Output(first) = answer {
-                return pass(&host, answers, Some(first), arguments.raw).await.map(|()| true);
+                let writer =
+                    Writer { host: Some(host.clone()), process: name.process().unwrap_or_default().to_owned() };
+                return pass(&host, answers, Some(first), arguments.form(writer)).await.map(|()| true);
             }
             if matches!(&answer, Answer::Refused(why) if why.starts_with(SEVERAL)) {
                 return Err(unasked(&host, &answer));
@@ -175,79 +185,20 @@ async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure
     Ok(false)
 }
 
-async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: bool) -> Result<(), Failure> {
-    let (mut printable, mut is_empty) = (Printable::default(), true);
-    let mut print = |bytes: &[u8]| {
-        is_empty &= bytes.is_empty();
-        if raw { console::pass(bytes) } else { console::pass(printable.push(bytes).as_bytes()) }
-    };
-    let mut is_read = print(&first.unwrap_or_default())?;
+async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, mut form: Form) -> Result<(), Failure> {
+    let first = first.unwrap_or_default();
+    let (mut is_empty, mut is_read) = (first.is_empty(), form.print(&first)?);
     while is_read && let Some(answer) = answers.next().await {
         let answer = answer?;
         let Answer::Output(bytes) = answer else { return Err(unasked(host, &answer)) };
-        is_read = print(&bytes)?;
+        is_empty &= bytes.is_empty();
+        is_read = form.print(&bytes)?;
     }
     if is_empty {
         console::note("note: this process has written nothing");
     }
-    console::pass(printable.finish().as_bytes())?;
+    form.finish()?;
     Ok(())
-}
-
-/// Prints the output of a process from the latest record that has it. Returns nothing if no record has it.
-fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
-    if let Err(why) = folder::check(&arguments.runs, RUNS) {
-        return Some(Err(anyhow!(why).into()));
-    }
-    let mut records: Vec<PathBuf> =
-        std::fs::read_dir(&arguments.runs).ok()?.flatten().map(|entry| entry.path()).collect();
-    let begun =
-        |folder: &PathBuf| std::fs::metadata(folder.join(recorder::FILE)).and_then(|record| record.modified()).ok();
-    records.retain(|folder| begun(folder).is_some());
-    records.sort_by_key(|folder| std::cmp::Reverse(begun(folder)));
-    for folder in records.iter().take(RECORDS_MAX) {
-        let run = match recorder::read(&folder.join(recorder::FILE)) {
-            Ok(run) => run,
-            Err(error) => {
-                console::note(&format!("warning: a record is left out: {error}"));
-                continue;
-            }
-        };
-        // A record does not say which run of its deployment it belongs to.
-        let (name, deployment) =
-            (arguments.name().of_any_run(), Deployment { name: run.header.plan.name.clone(), epoch: 0 });
-        let meant: Vec<&str> = run
-            .header
-            .plan
-            .leaves
-            .iter()
-            .map(|leaf| leaf.path.as_str())
-            .filter(|path| name.is_process(&deployment, path))
-            .collect();
-        let path = match meant[..] {
-            [] => continue,
-            [path] => path,
-            _ => {
-                let paths = meant.join("`, `");
-                return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.name()).into()));
-            }
-        };
-        let why = if arguments.recorded { "" } else { "no node runs it; " };
-        console::note(&format!("note: {why}this is the output of `{path}` by the record in `{}`", folder.display()));
-        let wrote = run.outputs().remove(path).unwrap_or_default();
-        let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
-        let mut printable = Printable::default();
-        let shown = if arguments.raw { text } else { printable.push(text.as_bytes()) + &printable.finish() };
-        let whole = || match run.lacks() {
-            Some(damage) => Err(anyhow!(
-                "the record in `{}` is not whole: {damage}; it may have written more than this",
-                folder.display()
-            )),
-            None => Ok(()),
-        };
-        return Some(console::pass(shown.as_bytes()).and_then(|_| whole()).map_err(Failure::from));
-    }
-    None
 }
 
 /// Returns host, deployment and path of each matching leaf, even if its program does not run.

@@ -44,7 +44,7 @@ use crate::logic::mission::Mission;
 use comms::logic::layout::Message;
 use comms::logic::signals::Signals;
 use language::plan::Plan;
-use node::logic::protocol::Report;
+use node::logic::protocol::{Deployment, Report};
 use node::logic::table::counted;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -158,6 +158,19 @@ impl Run {
             }
         }
         mission
+    }
+
+    /// Returns the deployment that ran. Its epoch is 0 if the record does not have the report that the deployment was accepted.
+    pub fn deployment(&self) -> Deployment {
+        let accepted = self.entries.iter().find_map(|entry| match entry {
+            Entry::Report(Report::Accepted { deployment }) => Some(deployment.clone()),
+            Entry::Report(_)
+            | Entry::Signals { .. }
+            | Entry::Output { .. }
+            | Entry::Port { .. }
+            | Entry::Missing { .. } => None,
+        });
+        accepted.unwrap_or_else(|| Deployment { name: self.header.plan.name.clone(), epoch: 0 })
     }
 
     /// If the record may be incomplete, returns why: it is damaged, or it has no report of the deployment's end.

@@ -11,8 +11,11 @@ use node::logic::table::table;
 pub(super) async fn all(clients: &Clients, name: &ProcessName, is_json: bool) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
-    let nodes: Vec<NodeStatus> = all.into_iter().flat_map(|(_, found)| found.nodes).collect();
+    let nodes: Vec<NodeStatus> = all.iter().flat_map(|(_, found)| found.nodes.clone()).collect();
     let rows = rows(&nodes, name);
+    if let (Some(deployment), 1) = (name.deployment(), rows.len()) {
+        return Err(absent::no_deployment(deployment, &all, &away));
+    }
     away.warnings().iter().for_each(|warning| console::note(warning));
     if is_json {
         let object = |row: &Vec<String>| {

@@ -250,6 +250,43 @@ fn the_output_of_a_program_that_has_failed_on_a_node() {
     check(&cluster, &ended, 1, &["    | the lens is dirty"]);
 }
 
+/// A deployment is run several times. The record of each run knows the number of the run.
+#[test]
+fn the_output_of_a_run_is_read_from_its_own_record() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let text = "module Say(host: Host, word: Text) { exec \"sh -c 'echo $0; echo end'\"; plain; done; }
+        process main(word: Text = none) {
+            host { c1 }
+            instantiated_processes { say instof Say(c1, word); }
+            internal_event_actions { say }
+        }";
+    let file = cluster.file("say.dca", text);
+    let node = here.node("c1", &[]);
+    for word in ["AAA", "BBB"] {
+        let ended = here.ask(&["deploy", "--set", &format!("word={word}"), &file]);
+        assert_eq!(ended.code, Some(0), "{ended}");
+    }
+    let missing = here.ask(&["logs", "say@99:"]);
+    assert!(missing.code == Some(1) && missing.err.contains("no deployment `say@99` is running"), "{missing}");
+    end(node);
+    for (name, word) in [("say@1:say", "AAA"), ("say@2:main/say", "BBB"), ("say:say", "BBB"), ("say/main/say", "BBB")] {
+        for recorded in [&[][..], &["--recorded"]] {
+            let logs = here.ask(&[&["logs", name], recorded].concat());
+            assert_eq!((logs.code, logs.out), (Some(0), format!("word={word}\nend\n")), "{name}: {}", logs.err);
+        }
+    }
+    let missing = here.ask(&["logs", "say@99:say", "--recorded"]);
+    let why = "no record in `runs` is of this run; the records there are of `say@2`, `say@1`";
+    assert!(missing.code == Some(1) && missing.out.is_empty() && missing.err.contains(why), "{missing}");
+    let json = here.ask(&["logs", "say@1:say", "--json"]);
+    let lines: Vec<serde_json::Value> =
+        json.out.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|why| panic!("{why}: {json}"))).collect();
+    let texts: Vec<&str> = lines.iter().filter_map(|line| line["text"].as_str()).collect();
+    assert_eq!(texts, ["word=AAA", "end"], "{json}");
+    assert!(lines.iter().all(|line| line["process"] == "main/say" && line["host"] == "c1" && line["time"].is_f64()));
+}
+
 #[test]
 fn a_program_that_offers_no_controllers() {
     let cluster = Cluster::new();
