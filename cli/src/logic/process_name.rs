@@ -125,12 +125,13 @@ impl ProcessName {
         }
         let Some(process) = self.process() else { return true };
         let below = || process.strip_prefix(deployment.name.as_str())?.strip_prefix('/');
-        is_path(path, process) || below().is_some_and(|below| path.strip_prefix("main/").unwrap_or(path) == below)
+        let is_whole = |below: &str| path == below || path.strip_prefix("main/") == Some(below);
+        is_path(path, process) || below().is_some_and(is_whole)
     }
 }
 
 /// Returns whether a user's text is the whole path or its end.
-pub(crate) fn is_path(path: &str, meant: &str) -> bool {
+fn is_path(path: &str, meant: &str) -> bool {
     path.strip_suffix(meant).is_some_and(|before| before.is_empty() || before.ends_with('/'))
 }
 
@@ -161,6 +162,7 @@ mod tests {
             ("d@3:main/a", true),
             ("d/a", true),
             ("d:d/a", true),
+            ("d/main/a", true),
             ("e:a", false),
             ("b", false),
             ("e:", false),
