@@ -63,6 +63,20 @@ pub(crate) fn processes(current: &OsStr) -> Vec<CompletionCandidate> {
     candidates(words, current)
 }
 
+/// Returns the activities that run.
+pub(crate) fn activities(current: &OsStr) -> Vec<CompletionCandidate> {
+    let all = live(async |found| {
+        let nodes = found.iter().flat_map(|(_, statuses)| &statuses.nodes);
+        let all = nodes.flat_map(|node| &node.deployments).flat_map(|part| {
+            let activities = part.processes.iter().filter(|process| process.activity.is_some());
+            activities.map(|process| Process::new(&part.deployment, &process.path))
+        });
+        all.collect()
+    });
+    let words = process_words(&all, &current.to_string_lossy());
+    candidates(words, current)
+}
+
 /// Returns the outputs of running programs: `hit/force.Out`.
 pub(crate) fn outputs(current: &OsStr) -> Vec<CompletionCandidate> {
     let all = live(async |found| {

@@ -4,14 +4,16 @@ use crate::ConnectArgs;
 use crate::client::{Client, Clients, unasked};
 use crate::complete;
 use crate::io::user;
-use crate::logic::process_name::{DeploymentName, ProcessName, is_path};
+use crate::logic::process_name::{DeploymentName, ProcessName};
+use crate::logic::suggestion;
 use crate::stop::{Located, locate};
 use anyhow::{anyhow, bail};
 use clap_complete::ArgValueCompleter;
 use language::plan::Notice;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{
-    ActivityInput, ActivityStatus, Answer, Delivery, OpenQuestion, ProcessStatus, Request, Taken, TellRequest,
+    ActivityInput, ActivityStatus, Answer, Delivery, Deployment, OpenQuestion, ProcessStatus, Request, Taken,
+    TellRequest,
 };
 use std::time::Duration;
 
@@ -25,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// The activity: its path, or the end of its path
-    #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
+    #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::activities))]
     activity: ProcessName,
     /// The order; without an order, shows the states and questions of the activity, and the orders that it waits for
     #[command(subcommand)]
@@ -148,16 +150,18 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     if activity.deployment().is_some_and(|named| !named.is(&deployment)) {
         return Err(Failure::Usage(anyhow!("`{activity}` is not a process of `{deployment}`")));
     }
-    let (name, process) = (deployment.name.clone(), activity.process().unwrap_or_default().to_owned());
-    let meant: Vec<&ProcessStatus> = shown.iter().filter(|shown| is_path(&shown.path, &process)).collect();
+    let meant: Vec<&ProcessStatus> = shown.iter().filter(|one| activity.is_process(&deployment, &one.path)).collect();
     let Some(order) = &arguments.order else {
         let [one] = meant.as_slice() else {
-            return Err(anyhow!("{} running activities of `{deployment}` are called `{process}`", meant.len()).into());
+            return Err(anyhow!(not_one(&deployment, activity, &meant, &shown)).into());
         };
         console::say(&page(one));
         return Ok(());
     };
-    let activity = if let [one] = meant.as_slice() { one.activity.as_ref() } else { None };
+    let only = if let [one] = meant.as_slice() { Some(*one) } else { None };
+    // The home says why an order cannot reach an activity that does not run.
+    let process = only.map_or_else(|| activity.process().unwrap_or_default(), |one| &one.path).to_owned();
+    let (name, activity) = (deployment.name.clone(), only.and_then(|one| one.activity.as_ref()));
     let order_told = order.told(activity).map_err(|why| anyhow!("cannot give {}: {why}", order.name()))?;
     let request = TellRequest { name, process, order: order_told, by: user::name_and_host() };
     match deliver(client, &home, request, deployment.epoch).await? {
@@ -171,6 +175,22 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
             order.name()
         ))),
     }
+}
+
+/// Says that a name means no running activity of a deployment, or several.
+fn not_one(deployment: &Deployment, name: &ProcessName, meant: &[&ProcessStatus], all: &[ProcessStatus]) -> String {
+    let paths = |all: &mut dyn Iterator<Item = &ProcessStatus>| {
+        all.map(|one| format!("`{}`", one.path)).collect::<Vec<_>>().join(", ")
+    };
+    if !meant.is_empty() {
+        let paths = paths(&mut meant.iter().copied());
+        return format!("`{name}` may be any of {paths}; give more of the path");
+    }
+    let near = suggestion::process(name, all.iter().map(|one| (deployment, one.path.as_str())));
+    let otherwise =
+        if all.is_empty() { "it runs none".to_owned() } else { format!("it runs {}", paths(&mut all.iter())) };
+    let hint = suggestion::question(near, &otherwise);
+    format!("no running activity of `{deployment}` is called `{name}`; {hint}")
 }
 
 /// Signs an order if necessary, and has the home of the deployment deliver it.
@@ -207,4 +227,25 @@ fn page(process: &ProcessStatus) -> String {
         lines.push(format!("it waits for: {}", orders.join(", ")));
     }
     lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::tree::tests::door_node;
+
+    #[test]
+    fn a_slip_in_the_name_of_an_activity_is_told_with_what_was_meant() {
+        let part = door_node("c1", &[("main/ask", "running", None), ("main/hit/ask", "running", None)]);
+        let (deployment, all) = (&part.deployments[0].deployment, &part.deployments[0].processes);
+        let told = |name: &str, meant: &[&ProcessStatus], all: &[ProcessStatus]| {
+            not_one(deployment, &ProcessName::new(name), meant, all)
+        };
+        let none = "no running activity of `door@1` is called";
+        assert_eq!(told("assk", &[], all), format!("{none} `assk`; did you mean `ask`?"));
+        assert_eq!(told("x", &[], all), format!("{none} `x`; it runs `main/ask`, `main/hit/ask`"));
+        assert_eq!(told("x", &[], &[]), format!("{none} `x`; it runs none"));
+        let both: Vec<&ProcessStatus> = all.iter().collect();
+        assert_eq!(told("ask", &both, all), "`ask` may be any of `main/ask`, `main/hit/ask`; give more of the path");
+    }
 }
