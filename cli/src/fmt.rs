@@ -5,6 +5,8 @@ use crate::io::whole_file;
 use anyhow::Context as _;
 use language::{Source, format, render};
 use node::console::{self, Failure};
+use node::logic::table::counted;
+use serde_json::json;
 use std::path::PathBuf;
 
 /// The arguments of `dca fmt`.
@@ -20,11 +22,12 @@ pub struct Arguments {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut is_fine = true;
+    let (mut is_fine, mut changed, mut unreadable) = (true, Vec::new(), Vec::new());
     for file in &arguments.files {
         let source = check::read(file)?;
         let Some(text) = formatted(&source) else {
             is_fine = false;
+            unreadable.push(source.name);
             continue;
         };
         let is_input = check::is_standard_input(file);
@@ -36,11 +39,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             continue;
         }
         if arguments.check {
-            console::say(&format!("{} is not formatted", source.name));
             is_fine = false;
+            if !console::is_json() {
+                console::say(&format!("{} is not formatted", source.name));
+            }
         } else {
             whole_file::put(file, text.as_bytes()).context("writing the spec")?;
         }
+        changed.push(source.name);
+    }
+    // The formatted text of standard input is an answer of its own.
+    if console::is_json() && (arguments.check || !arguments.files.iter().any(|file| check::is_standard_input(file))) {
+        let what = if arguments.check { "not formatted" } else { "changed" };
+        let unread = if unreadable.is_empty() { "" } else { "; others cannot be read" };
+        let text = format!("{}: {what}{unread}", counted(changed.len(), "file"));
+        console::answer(&json!({ "text": text, "files": changed, "unreadable": unreadable }));
     }
     if is_fine { Ok(()) } else { Err(Failure::Reported) }
 }

@@ -35,6 +35,8 @@ fn an_answer_about_files_is_one_value_a_line() {
         (&["verify", &bad], 1),
         (&["fmea", &good], 0),
         (&["fix", &copy], 0),
+        (&["fmt", &copy], 0),
+        (&["fmt", "--check", &copy], 0),
         (&["graph", &good], 0),
         (&["types", "--python", &types], 0),
         (&["explain"], 0),
