@@ -524,7 +524,7 @@ impl Participant {
                 instance.activate(next.activation, next.value, context.now, context);
             });
         }
-        let target = Target::Leaf(leaf);
+        let (target, ending) = (Target::Leaf(leaf), self.site.as_removed(leaf, ending));
         if !self.site.is_succeeded(leaf) {
             self.site.happened(target, Change::Ended(ending.clone()), out);
         }

@@ -225,6 +225,16 @@ impl Site {
         }
     }
 
+    /// Returns the ending of a program. A program that a change removes was stopped by its supervisor, and may leave
+    /// before it has confirmed this stop.
+    pub(super) fn as_removed(&self, leaf: u32, ending: Ending) -> Ending {
+        let is_removed = || !self.plan.live_leaves().contains(&leaf);
+        match ending {
+            Ending::Aborted(Failure { cause: FailureCause::NotAvailable(_), .. }) if is_removed() => Ending::Stopped,
+            Ending::Aborted(_) | Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed => ending,
+        }
+    }
+
     /// Tells the supervisor of a program that it is started again, if it wants to know.
     pub(super) fn tell_restart(&self, target: Target, cause: &FailureCause, out: &mut Out<'_>) {
         let group = self.supervisor(target).and_then(|(number, _)| self.plan.groups.get(number as usize));

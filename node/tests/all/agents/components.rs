@@ -74,6 +74,29 @@ fn a_program_is_added_runs_and_is_taken_away_and_all_others_stay() {
     assert_eq!((&world.alive, &world.wires_open), (&BTreeSet::new(), &BTreeSet::new()));
 }
 
+/// The program does not confirm its stop before it has to leave. The user has ordered its end, so it does not count as an abort.
+#[test]
+fn a_program_that_is_removed_while_it_runs_was_stopped() {
+    let mut world = World::new(&["c1", "c2"]);
+    let feed = endless(FEED);
+    let rock = feed.replace("task instof Long", "rock instof Stubborn(\"c2\"); task instof Long");
+    let call = world.deploy("c1", &rock.replace("# (task", "# rock # (task"));
+    world.run_for(Duration::from_secs(1));
+    assert!(activated(&world, call).contains(&"main/rock"));
+    let away = world.change("c1", &feed, (1, 0), &[]);
+    world.run_for(Duration::from_secs(5));
+    assert!(outcome(&world, away).is_ok());
+    let ended = |answer: &Answer| match answer {
+        Answer::Report(Report::Process { path, change: Change::Ended(ending), .. }) if path == "main/rock" => {
+            Some(ending.clone())
+        }
+        _ => None,
+    };
+    assert_eq!(world.answers[&call].iter().filter_map(ended).collect::<Vec<_>>(), [Ending::Stopped]);
+    assert!(!is_over(&world, call) && world.alive.len() == 4, "the others stay");
+    check(&mut world);
+}
+
 #[test]
 fn an_added_program_that_is_not_healthy_is_taken_away_and_the_mission_goes_on() {
     for way in ["dies", "aborts", "missing"] {
