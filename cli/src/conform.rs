@@ -5,18 +5,20 @@ mod numbered;
 
 use crate::io::recorder;
 use crate::logic::record::{Entry, Run};
+use crate::logic::replay;
 use crate::verify::{LimitArgs, Refusal, in_json, load};
 use crate::{Controllers, Values, check};
 use anyhow::anyhow;
 use difference::difference;
 use language::Texts;
 use language::algebra::Event;
-use language::plan::Group;
+use language::plan::{Group, Plan};
 use node::console::{self, Failure};
 use node::logic::protocol::{Change, Report};
 use node::logic::table::counted;
 use numbered::{numbered, with_reasons};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use verify::{Conformance, Coverage, Finding, Steps, Verdict, told};
 
@@ -42,8 +44,9 @@ struct Recorded {
     lives: Vec<Vec<Steps>>,
     /// How many recorded steps cannot be compared, because earlier steps are missing.
     omitted: usize,
-    /// Whether the plan was changed during the run: later steps are not compared.
-    is_changed: bool,
+    /// The groups whose event actions were changed during the run, each with the number of its later steps, which cannot
+    /// be compared.
+    changed: BTreeMap<String, usize>,
     /// The groups that have begun, but whose recorded steps do not include an end.
     endless: Vec<String>,
     /// The groups in which something has begun, but whose supervisors recorded no step.
@@ -56,6 +59,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Err(error) if error.is_of_a_record() => return Err(undecided(&error.to_string())),
         read => read.map_err(anyhow::Error::from)?,
     };
+    if replay::is_replay(&run.header.plan) {
+        return Err(anyhow!(
+            "cannot compare the record of a replay: `dca replay` runs stand-ins in the place of processes, and ends `main` with the \
+             record; give the record of a run"
+        )
+        .into());
+    }
     let loaded = load(&arguments.spec, &arguments.controllers, &arguments.values, Refusal::Text)?;
     if let Some(difference) = difference(&run.header.plan, &loaded.plan) {
         if loaded.lacks_interfaces {
@@ -66,7 +76,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             .into());
         }
         return Err(anyhow!(
-            "the record is of another version of the spec: {difference}; the spec that ran is in the record, as `spec.dca`"
+            "the record is of another version of the spec: {difference}; `dca export spec {}` writes the spec that ran",
+            arguments.record.display()
         )
         .into());
     }
@@ -97,8 +108,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if is_broken || !found.deviations.is_empty() {
         return Err(Failure::Reported);
     }
-    let is_partial =
-        recorded.omitted > 0 || recorded.is_changed || !recorded.endless.is_empty() || !recorded.unseen.is_empty();
+    let is_partial = recorded.omitted > 0
+        || !recorded.changed.is_empty()
+        || !recorded.endless.is_empty()
+        || !recorded.unseen.is_empty();
     if is_partial || run.lacks().is_some() { Err(Failure::Limited) } else { Ok(()) }
 }
 
@@ -112,8 +125,9 @@ impl Recorded {
     /// Explains why there is nothing to compare.
     fn without_steps(&self, run: &Run) -> String {
         let is_refused = |entry: &Entry| matches!(entry, Entry::Report(Report::Refused { .. }));
-        if self.is_changed {
-            "the plan was changed before the first step was recorded".to_owned()
+        if !self.changed.is_empty() {
+            let groups = Vec::from_iter(self.changed.keys().map(String::as_str)).join("`, `");
+            format!("the event actions of `{groups}` were changed before the first recorded step")
         } else if self.omitted > 0 {
             format!("the recorded steps come after missing steps, {}", counted(self.omitted, "step"))
         } else if run.entries.iter().any(is_refused) {
@@ -128,16 +142,21 @@ impl Recorded {
     fn of(run: &Run) -> Self {
         let groups = &run.header.plan.groups;
         let mut recorded = Self { lives: vec![Vec::new(); groups.len()], ..Self::default() };
+        let mut replanned: Option<&Plan> = None;
         for entry in &run.entries {
             match entry {
-                Entry::Report(Report::Changed { .. }) => {
-                    recorded.is_changed = true;
-                    return recorded;
-                }
-                Entry::Report(Report::Stepped { path, number, steps, .. }) => {
+                Entry::Report(Report::Replanned { plan }) => replanned = Some(plan),
+                Entry::Report(Report::Stepped { path, number, steps, changes, .. }) => {
                     let group = groups.iter().position(|group| group.path == *path);
-                    let Some(lives) = group.map(|group| &mut recorded.lives[group]) else { continue };
-                    // If a host has returned, its supervisors start again.
+                    let Some(group) = group else { continue };
+                    let lives = &mut recorded.lives[group];
+                    // If a host has returned, its supervisors start again, with the event actions of the present plan.
+                    let is_again = *number == 0 && !lives.is_empty();
+                    let is_other = is_again && replanned.is_some_and(|plan| !has_same_actions(plan, &groups[group]));
+                    if *changes > 0 || is_other || recorded.changed.contains_key(path) {
+                        *recorded.changed.entry(path.clone()).or_default() += steps.len();
+                        continue;
+                    }
                     if *number == 0 {
                         lives.push(Vec::new());
                     }
@@ -155,13 +174,20 @@ impl Recorded {
         }
         // A supervisor sends its steps in batches: its last steps are missing if its node has died or was cut off.
         let of_groups = groups.iter().zip(&recorded.lives);
-        let endless = of_groups.filter(|(_, lives)| lives.iter().any(is_endless));
+        let is_whole = |group: &Group| !recorded.changed.contains_key(&group.path);
+        let endless = of_groups.filter(|(group, lives)| is_whole(group) && lives.iter().any(is_endless));
         recorded.endless = endless.map(|(group, _)| group.path.clone()).collect();
         let has_begun = |group: &Group| run.entries.iter().any(|entry| is_begun_in(entry, &group.path));
         let silent = groups.iter().zip(&recorded.lives).filter(|(group, lives)| lives.is_empty() && has_begun(group));
         recorded.unseen = silent.map(|(group, _)| group.path.clone()).collect();
         recorded
     }
+}
+
+/// Returns whether a plan has the same event actions for a group.
+fn has_same_actions(plan: &Plan, group: &Group) -> bool {
+    let other = plan.groups.iter().find(|other| other.path == group.path);
+    other.is_some_and(|other| other.expression == group.expression)
 }
 
 /// Returns whether an entry reports that a member of a group was started. Only the supervisor of the group starts members.
@@ -184,8 +210,9 @@ fn summary(found: &Conformance, recorded: &Recorded) -> String {
         let steps = counted(recorded.omitted, "step");
         text += &format!("NOT COMPARED: {steps}, since the record lacks the previous steps\n");
     }
-    if recorded.is_changed {
-        text += "NOT COMPARED: the steps after a change of the plan during the run\n";
+    for (group, steps) in &recorded.changed {
+        let steps = counted(*steps, "step");
+        text += &format!("NOT COMPARED: {steps} of {group}, after a change of its event actions during the run\n");
     }
     if !recorded.endless.is_empty() {
         text += &format!("NOT COMPARED: the end of {}, which the record lacks\n", recorded.endless.join(", "));
@@ -290,17 +317,13 @@ mod tests {
         assert_eq!(found.deviations, Vec::new());
     }
 
-    fn recorded(numbers: &[Option<u64>]) -> Recorded {
-        let report = |number: &Option<u64>| match number {
-            Some(number) => Report::Stepped {
-                path: "main".to_owned(),
-                number: *number,
-                steps: vec![StepRecord::new(Event::Stop, Vec::new(), None)],
-                at: Duration::ZERO,
-            },
-            None => Report::Changed { revision: 1, by: "somebody".to_owned(), changes: Vec::new() },
-        };
-        of_reports(numbers.iter().map(report).collect())
+    fn recorded(numbers: &[u64]) -> Recorded {
+        of_reports(numbers.iter().map(|number| stepped(*number, 0)).collect())
+    }
+
+    fn stepped(number: u64, changes: u32) -> Report {
+        let steps = vec![StepRecord::new(Event::Stop, Vec::new(), None)];
+        Report::Stepped { path: "main".to_owned(), number, steps, changes, at: Duration::ZERO }
     }
 
     fn of_reports(reports: Vec<Report>) -> Recorded {
@@ -315,16 +338,34 @@ mod tests {
             |path: &str| Report::Process { path: path.to_owned(), change: Change::Activated, at: Duration::ZERO };
         assert_eq!(of_reports(vec![begins("main")]).unseen, [""; 0], "its members never began");
         assert_eq!(of_reports(vec![begins("main"), begins("main/a")]).unseen, ["main"]);
-        assert_eq!(recorded(&[Some(0)]).unseen, [""; 0]);
+        assert_eq!(recorded(&[0]).unseen, [""; 0]);
     }
 
     #[test]
     fn steps_after_a_gap_are_counted_and_not_compared() {
-        let found = recorded(&[Some(0), Some(1), Some(3), Some(4), Some(0), Some(1)]);
+        let found = recorded(&[0, 1, 3, 4, 0, 1]);
         assert_eq!(found.lives[0].iter().map(Vec::len).collect::<Vec<_>>(), [2, 2]);
-        assert_eq!((found.omitted, found.is_changed), (2, false));
-        let changed = recorded(&[Some(0), None, Some(1)]);
-        assert_eq!((changed.lives[0][0].len(), changed.is_changed), (1, true));
+        assert_eq!((found.omitted, found.changed.len()), (2, 0));
+    }
+
+    #[test]
+    fn steps_before_a_change_of_the_event_actions_are_compared() {
+        let changed = || Report::Changed { revision: 1, by: "user".to_owned(), changes: Vec::new() };
+        let lives = |found: &Recorded| found.lives[0].iter().map(Vec::len).collect::<Vec<_>>();
+        // The steps before the change are sent with it. They may arrive after the report of the change.
+        let found = of_reports(vec![changed(), stepped(0, 0), stepped(1, 1), stepped(2, 1)]);
+        assert_eq!((lives(&found), &found.changed["main"], found.endless.len()), (vec![1], &2, 0));
+        // A program was replaced: the event actions are the same.
+        let found = of_reports(vec![stepped(0, 0), changed(), stepped(1, 0)]);
+        assert_eq!((lives(&found), found.changed.len()), (vec![2], 0));
+        // The supervisor of a host that has returned has the event actions of the present plan.
+        let mut other = plan(SPEC);
+        other.groups[0].expression = language::plan::Expression::Wait(Duration::from_secs(1));
+        for (plan, lives_expected, changed) in [(other, vec![1], 1), (plan(SPEC), vec![1, 1], 0)] {
+            let replanned = Report::Replanned { plan: Box::new(plan) };
+            let found = of_reports(vec![stepped(0, 0), replanned, stepped(0, 0)]);
+            assert_eq!((lives(&found), found.changed.len()), (lives_expected, changed));
+        }
     }
 
     #[test]

@@ -125,6 +125,12 @@ pub(crate) fn replace(plan: &mut Plan, stand_in: &StandIn, playing: Playing<'_>)
     plan.claims.retain(|claim| claim.leaf != index);
 }
 
+/// Returns whether stand-ins run in a plan: it is the plan of a replay.
+pub(crate) fn is_replay(plan: &Plan) -> bool {
+    let is_stand_in = |exec: &str| exec.ends_with(&format!("' {REPLAY}"));
+    plan.leaves.iter().any(|leaf| leaf.exec.as_deref().is_some_and(is_stand_in))
+}
+
 /// Returns the ports of a leaf at one end of its wires, or of its calls.
 fn ports(plan: &Plan, leaf: u32, is_call: bool, end: fn(&Wire) -> &LeafPort) -> String {
     let meant = plan.wires.iter().filter(|wire| (wire.transfer == Transfer::Call) == is_call);

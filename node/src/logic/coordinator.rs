@@ -142,7 +142,9 @@ impl Coordinator {
             ToCoordinator::SetsSwitched { call, switched } => self.switches.switched(call, switched, out),
             ToCoordinator::Answered { call, taken } => self.orders.told(call, taken, out),
             ToCoordinator::BeganLate { by } => mission.report(Report::BeganLate { host: from.to_owned(), by }, out),
-            ToCoordinator::Stepped { group, number, steps } => mission.stepped(group, number, steps, out),
+            ToCoordinator::Stepped { group, number, steps, changes } => {
+                mission.stepped(group, number, steps, changes, out);
+            }
         }
     }
 

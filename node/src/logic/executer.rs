@@ -331,10 +331,11 @@ impl Executer {
 
     /// Has its steps recorded, for a later comparison with the spec: several at once, since nothing waits for them.
     fn record(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let (group, number, steps) =
-            (self.group, self.outside.news.recorded, std::mem::take(&mut self.outside.news.steps));
-        self.outside.news.recorded += steps.len() as u64;
-        out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Stepped { group, number, steps }));
+        let news = &mut self.outside.news;
+        let (group, number, steps) = (self.group, news.recorded, std::mem::take(&mut news.steps));
+        news.recorded += steps.len() as u64;
+        let stepped = ToCoordinator::Stepped { group, number, steps, changes: news.changes };
+        out.send(context.home, context.deployment.to_coordinator(stepped));
     }
 
     /// Activates nothing before [`Executer::checked_in`].

@@ -5,7 +5,7 @@ use cli::io::recorder::{self, Recorder};
 use cli::logic::record::{Entry, Run};
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
-use dca_tests::cluster::{Cluster, SOON, Stream, rounds, spec};
+use dca_tests::cluster::{Cluster, SOON, Stream, rounds, spec, wait_until};
 use dca_tests::simulation::{Simulation, plan};
 use language::algebra::Command;
 use language::sites::Sites;
@@ -248,4 +248,37 @@ fn a_spec_that_is_not_proved_is_not_started() {
     // The proved text is also the text that runs, since it is read only once.
     let done = cluster.here().ask_given(&["run", "--require-verified", "-"], proved.as_bytes());
     assert!(done.code == Some(0), "{done}");
+}
+
+/// A program is removed while it runs. The end of the program does not count as an abort, and the steps before the
+/// change are compared.
+#[test]
+fn a_run_is_compared_up_to_the_change_of_its_event_actions() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let text = "module Sleep(host) { exec \"sleep 600\"; plain; service; }
+        process main() {
+            host { c1 }
+            instantiated_processes { dust instof Sleep(c1); drive instof Sleep(c1); }
+            internal_event_actions { dust , drive , wait(600 s) }
+        }";
+    let file = cluster.file("rooms.dca", text);
+    let _node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", &file]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let replaced = here.ask(&["replace", "rooms", "drive", "--probation", "0"]);
+    assert_eq!(replaced.code, Some(0), "{replaced}");
+    let removed = here.ask(&["remove", "rooms", "dust"]);
+    assert_eq!(removed.code, Some(0), "{removed}");
+    let has_ended = || {
+        here.ask(&["events", "rooms"]).out.lines().any(|line| line.contains("main/dust") && line.ends_with("stopped"))
+    };
+    assert!(wait_until(SOON, has_ended).is_some(), "{}", here.ask(&["events", "rooms"]));
+    let stopped = here.ask(&["stop", "rooms"]);
+    assert_eq!(stopped.code, Some(0), "{stopped}");
+    let ended = mission.ended(SOON);
+    assert!(!ended.err.contains("dust aborted"), "{ended}");
+    let compared = here.ask(&["conform", &cluster.folder().join("runs/rooms-1").display().to_string(), &file]);
+    assert!(compared.code == Some(4) && compared.out.contains("all steps agree with the spec"), "{compared}");
+    assert!(compared.out.contains("steps of main, after a change of its event actions during the run"), "{compared}");
 }

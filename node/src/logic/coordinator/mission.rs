@@ -83,10 +83,10 @@ impl Mission {
     }
 
     /// Reports steps of a supervisor.
-    pub(super) fn stepped(&mut self, group: u32, number: u64, steps: Vec<StepRecord>, out: &mut Out<'_>) {
+    pub(super) fn stepped(&mut self, group: u32, number: u64, steps: Vec<StepRecord>, changes: u32, out: &mut Out<'_>) {
         if let Some(group) = self.plan.groups.get(group as usize) {
             let (path, host) = (group.path.clone(), group.host);
-            let report = Report::Stepped { path, number, steps, at: self.since_go(out.now) };
+            let report = Report::Stepped { path, number, steps, changes, at: self.since_go(out.now) };
             self.history.report(report, host, &self.audience, out);
         }
     }

@@ -61,6 +61,7 @@ impl Executer {
         if next != self.program {
             self.state = self.state.idle_for(&next);
             self.program = next;
+            self.outside.news.changes += 1;
             self.fences.retake(group);
         }
     }
@@ -83,6 +84,11 @@ impl Executer {
         out: &mut Out<'_>,
     ) -> Option<Ending> {
         self.clock.read(out.now);
+        // A record compares the steps before the change with the event actions before it.
+        if !self.outside.news.steps.is_empty() {
+            self.record(context, out);
+        }
+        self.outside.news.changes += 1;
         self.connect(&carried.ended, context, out);
         for command in carried.ended {
             self.carry_out(command, context, out);

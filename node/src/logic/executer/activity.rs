@@ -27,6 +27,8 @@ pub(super) struct News {
     pub(super) recorded: u64,
     /// The steps since then.
     pub(super) steps: Vec<StepRecord>,
+    /// How often the event actions were changed before these steps.
+    pub(super) changes: u32,
     /// How many questions were asked.
     asked: u64,
     /// The open questions, by their places in the chart.

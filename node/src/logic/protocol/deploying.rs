@@ -61,6 +61,8 @@ pub enum ToCoordinator {
         number: u64,
         /// The events and the supervisor's commands.
         steps: Vec<StepRecord>,
+        /// How often the event actions of the group were changed before these steps.
+        changes: u32,
     },
     /// The result of [`ToParticipant::SwitchSets`].
     SetsSwitched {

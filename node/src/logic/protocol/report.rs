@@ -89,6 +89,8 @@ pub enum Report {
         number: u64,
         /// The events and the supervisor's commands.
         steps: Vec<StepRecord>,
+        /// How often the event actions of the group were changed before these steps.
+        changes: u32,
         /// Time since GO at the home node.
         #[serde(with = "comms::logic::human::seconds")]
         at: Duration,

@@ -46,7 +46,8 @@ fn golden_changes() {
     check(&ChangeReply::Applied { number: 300 }, "01ac02");
     check(&ChangeReply::Joined { number: 300, facts: facts() }, "05ac0201ac0200010361726d0102667401");
     let step = StepRecord { event: Event::Start(Value::new(&[7])), commands: vec![], outcome: None, is_cut: true };
-    check(&ToCoordinator::Stepped { group: 1, number: 300, steps: vec![step] }, "0801ac02010001010700000001");
+    let stepped = ToCoordinator::Stepped { group: 1, number: 300, steps: vec![step], changes: 2 };
+    check(&stepped, "0801ac0201000101070000000102");
 }
 
 #[test]
