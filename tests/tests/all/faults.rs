@@ -220,6 +220,8 @@ fn two_hosts_that_a_third_reaches_are_not_lost() {
         if both_ways {
             hosts.network.keep_apart(&[1, 2]);
         } else {
+            // Otherwise the nodes could link by IPv6.
+            hosts.network.set(1, "-6 addr flush dev eth0");
             hosts.network.set(1, "route add blackhole 10.77.0.2/32");
         }
         for (node, other) in [(0, "c2"), (1, "c1")] {
