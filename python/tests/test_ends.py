@@ -105,7 +105,7 @@ def test_an_environment_without_the_package_is_refused_at_prepare(missions):
 def test_an_environment_that_is_gone_is_refused_at_prepare(missions):
     write(missions, environment="gone")
     ended = missions.run("bad.dca")
-    assert ended.returncode == 1 and "there is no program `gone/bin/python`" in ended.stdout + ended.stderr
+    assert ended.returncode == 1 and "no program is at `gone/bin/python`" in ended.stdout + ended.stderr
 
 
 def test_an_exception_while_it_begins(missions):
