@@ -114,11 +114,12 @@ pub(crate) fn compare(seed: u64) -> Compared {
         }
     }
     let is_asked = |form: &Form| made.is_on_two_hosts() || !matches!(form, Form::LossNever);
-    // A group with an order to stop counts as stopped for the verifier, with its members, even if one of them fails before the order
-    // reaches it. So this form is asked of the programs of `main`.
-    let is_own =
-        |(group, slot): Seat| group == 0 && matches!(made.groups[0].members[slot as usize].kind, MemberKind::Leaf(_));
-    let counts = |form: &Form, a| !matches!(form, Form::Counted(Counted::FirstAbortNever)) || is_own(a);
+    // For the verifier, a process counts as stopped once an order to stop is on its way, even if it fails before the order arrives.
+    let is_told_at_once = |(group, slot): Seat| {
+        let kind = &made.groups[group as usize].members[slot as usize].kind;
+        !made.is_on_two_hosts() && matches!(kind, MemberKind::Leaf(_))
+    };
+    let counts = |form: &Form, a| !matches!(form, Form::Counted(Counted::FirstAbortNever)) || is_told_at_once(a);
     let forms = |(a, b)| {
         let asked = FORMS.into_iter().filter(is_asked).filter(move |form| counts(form, a));
         asked.map(move |form| (form, a, b))
