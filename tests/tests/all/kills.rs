@@ -115,20 +115,25 @@ fn while_the_hand_opens() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// The death of a program that is not yet active is noticed only at its turn. Then the mission ends.
+/// The death of a program that is not yet active is noticed only at its turn. Then the mission ends. On a busy machine, a law may give
+/// up in an earlier phase. This shows nothing about the rule, so the mission is flown again.
 #[test]
 fn before_its_turn() {
     let _turn = Turn::take();
-    let cluster = Cluster::new();
     let (leaf, phase) = ("main/dooropensyst/closegrip/fingers", "✓ ((opengrip, approach) # hit)");
-    let mission = kill(&cluster, leaf, SERVO, 1);
-    let ended = mission.ended(MISSION_MAX);
-    check_chain(&ended, leaf);
-    assert!(ended.err.contains(phase), "the phase before it was completed: {ended}");
-    cluster.expect_nothing_left(Duration::from_secs(2));
-    let trace = trace(&cluster);
-    let changes = trace.changes(leaf);
-    assert!(changes.contains(&&Change::Died(FailureCause::Signal(9))), "{changes:?}");
+    for _ in 0..3 {
+        let cluster = Cluster::new();
+        let ended = kill(&cluster, leaf, SERVO, 1).ended(MISSION_MAX);
+        cluster.expect_nothing_left(Duration::from_secs(2));
+        let trace = trace(&cluster);
+        let changes = trace.changes(leaf);
+        assert!(changes.contains(&&Change::Died(FailureCause::Signal(9))), "{changes:?}");
+        if ended.err.contains(phase) {
+            return check_chain(&ended, leaf);
+        }
+        println!("flown again: {ended}");
+    }
+    panic!("no mission has come to `{phase}`");
 }
 
 /// A program is no longer needed after its turn, so the door opens.
