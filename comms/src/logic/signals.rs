@@ -19,6 +19,8 @@ pub const LOST_VALUES: &str = "lost values";
 pub const UNDELIVERED_VALUES: &str = "undelivered values";
 /// The signal that counts the values that inputs have refused in an activation.
 pub const REFUSED_VALUES: &str = "refused values";
+/// The counts that every program with signals shows.
+pub const COUNTS: [&str; 4] = [OVERRUNS, LOST_VALUES, REFUSED_VALUES, UNDELIVERED_VALUES];
 
 /// One sample of a program's signals.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

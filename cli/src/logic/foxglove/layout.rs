@@ -6,7 +6,7 @@
 use super::catalog::Channel;
 use super::recording;
 use crate::logic::record::{EVENTS, LOG, SIGNALS, Timeline};
-use comms::logic::signals::{LOST_VALUES, OVERRUNS, REFUSED_VALUES};
+use comms::logic::signals::COUNTS;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use view::LiveDeployment;
@@ -217,7 +217,7 @@ fn curves(topic: &Topic<'_>) -> Option<Vec<Value>> {
     let schema: Value = serde_json::from_str(topic.schema).ok()?;
     let fields = schema["properties"].as_object()?.iter();
     let numbers = fields.filter(|(name, field)| field["type"] == "number" && *name != "stamp");
-    let counts = [OVERRUNS, LOST_VALUES, REFUSED_VALUES].map(|name| name.replace(' ', "_"));
+    let counts = COUNTS.map(|name| name.replace(' ', "_"));
     if numbers.clone().all(|(name, _)| counts.contains(name)) {
         return None;
     }
@@ -265,6 +265,7 @@ mod tests {
         } });
         let counts = json!({ "properties": {
             "lost_values": { "type": "number" }, "overruns": { "type": "number" }, "refused_values": { "type": "number" },
+            "undelivered_values": { "type": "number" },
         } });
         let event = |process: &str| RecordedMessage {
             at: Duration::from_secs(1),

@@ -2,7 +2,7 @@
 
 use crate::logic::mission::{Mission, Track};
 use crate::logic::record::{Entry, Run};
-use comms::logic::signals::{LOST_VALUES, OVERRUNS, REFUSED_VALUES};
+use comms::logic::signals::COUNTS;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -35,7 +35,7 @@ pub(super) fn panels(run: &Run, mission: &Mission) -> (Vec<Panel>, Vec<String>) 
     let mut groups: Vec<((&str, String), Vec<usize>)> = Vec::new();
     let mut constants = Vec::new();
     for (index, track) in mission.tracks().iter().enumerate() {
-        let is_count = [OVERRUNS, LOST_VALUES, REFUSED_VALUES].contains(&track.name.as_str());
+        let is_count = COUNTS.contains(&track.name.as_str());
         if is_count && track.peak <= 0.0 {
             // Every program has these counts, so only the others are worth a word.
             continue;

@@ -52,3 +52,14 @@ impl Tally {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::logic::signals::COUNTS;
+
+    #[test]
+    fn readers_know_each_count() {
+        assert_eq!(Tally::default().signals().map(|signal| signal.name), COUNTS);
+    }
+}
