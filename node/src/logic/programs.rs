@@ -47,19 +47,19 @@ impl Programs {
         }
     }
 
-    /// Returns the parameters of a type; none if no program here declares them.
-    pub fn parameters(&self, module: &str) -> Option<&[Parameter]> {
-        self.parameters.get(module).map(Vec::as_slice)
+    /// Returns the parameters of a leaf; none if no program here declares them.
+    pub fn parameters(&self, leaf: &Leaf) -> Option<&[Parameter]> {
+        self.parameters.get(offered(leaf)?).map(Vec::as_slice)
     }
 
-    /// Returns the type of a port of a controller type, if its program declares it.
-    pub fn port_type(&self, module: &str, port: &str) -> Option<&str> {
-        self.ports.get(module)?.get(port).map(String::as_str)
+    /// Returns the type of a port of a leaf, if a program here declares it.
+    pub fn port_type(&self, leaf: &Leaf, port: &str) -> Option<&str> {
+        self.ports.get(offered(leaf)?)?.get(port).map(String::as_str)
     }
 
-    /// Returns the procedures and states of a controller type; none if no program here declares them.
-    pub fn exports(&self, module: &str) -> Option<&BTreeMap<String, String>> {
-        self.exports.get(module)
+    /// Returns the procedures and states of a leaf; none if no program here declares them.
+    pub fn exports(&self, leaf: &Leaf) -> Option<&BTreeMap<String, String>> {
+        self.exports.get(offered(leaf)?)
     }
 
     /// Returns the command of a leaf: its executable and arguments. The command is `EXECUTABLE TYPE [NAME=]VALUE...`,
@@ -106,6 +106,11 @@ impl Programs {
         );
         format!("no program here offers the controller type `{module}`; {hint}")
     }
+}
+
+/// Returns the type of a leaf, if a program of a host offers it. A leaf with a command of its own may have a type of the same name.
+fn offered(leaf: &Leaf) -> Option<&str> {
+    leaf.exec.is_none().then_some(leaf.module.as_str())
 }
 
 /// Returns how the program of a leaf of this plan is started.
@@ -176,6 +181,29 @@ mod tests {
         check("exec \"'/opt/my robot/say' ''\";", Ok(&["/opt/my robot/say", "", "text=good morning", "speed=2"]));
         check("exec \"dca-ros RosAction\";", Ok(&["/opt/dca-ros", "RosAction", "text=good morning", "speed=2"]));
         check("", Err("no program here offers the controller type `Say`; did you mean `Sayer`?"));
+    }
+
+    /// A host offers a type with the name of a module that has a command of its own.
+    #[test]
+    fn a_program_of_its_own_is_not_the_offered_one() {
+        let mut programs = Programs::default();
+        let interface = "module Say(speed: Number) { out Out: Number; proc Ask() -> Number; done; }";
+        programs.declare("/opt/dca-controller", interface.to_owned());
+        for (module, is_offered) in [("", true), ("exec \"say\";", false)] {
+            let text = format!(
+                "process main(){{ host{{c1}} instantiated_processes{{ a instof Say(c1, speed = 2); }}
+                 internal_event_actions{{ a }} }}
+                 module Say(host, speed) {{ {module} done; }}"
+            );
+            let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.unwrap();
+            let leaf = &plan.leaves[0];
+            let found = [
+                programs.parameters(leaf).is_some(),
+                programs.port_type(leaf, "Out").is_some(),
+                programs.exports(leaf).is_some(),
+            ];
+            assert_eq!(found, [is_offered; 3], "{module}");
+        }
     }
 
     #[test]

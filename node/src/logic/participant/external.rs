@@ -79,9 +79,7 @@ impl<'a> Wanted<'a> {
         if found.module != *module {
             return Err(format!("{external} is a `{}`, not a `{module}`", found.module));
         }
-        // A program of its own may have a type of the same name as a program that this host offers.
-        if found.exec.is_none()
-            && let Some(known) = programs.exports(module)
+        if let Some(known) = programs.exports(found)
             && let Some(missing) = exports.iter().find(|export| !known.contains_key(**export))
         {
             return Err(format!("{external} has no `{missing}`: it runs another version of `{module}`"));

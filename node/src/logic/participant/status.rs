@@ -41,9 +41,7 @@ impl Processes {
         let ends = site.plan.wires.iter().flat_map(|wire| [(&wire.from, true), (&wire.to, false)]);
         let port = |(end, is_output): (&LeafPort, bool)| {
             let leaf = site.leaf(end.leaf).filter(|_| self.instances.contains(end.leaf))?;
-            // A program of its own may have a type of the same name as a program that this host offers.
-            let offered = if leaf.exec.is_none() { programs.port_type(&leaf.module, &end.port) } else { None };
-            let kind = offered.map(str::to_owned);
+            let kind = programs.port_type(leaf, &end.port).map(str::to_owned);
             let (deployment, path, port) = (site.deployment.clone(), leaf.path.clone(), end.port.clone());
             Some(PortName { deployment, path, port, is_output, kind })
         };
@@ -125,6 +123,5 @@ impl Site {
 
 /// Returns the parameters of a controller, as the plan says them or else its program.
 fn declared<'a>(leaf: &'a Leaf, programs: &'a Programs) -> Option<&'a [Parameter]> {
-    let offered = || if leaf.exec.is_none() { programs.parameters(&leaf.module) } else { None };
-    leaf.parameters.as_deref().or_else(offered)
+    leaf.parameters.as_deref().or_else(|| programs.parameters(leaf))
 }
