@@ -9,7 +9,7 @@
 
 mod table;
 
-pub use table::{Admission, BEGIN_WITHIN, CallTable, Next, PER_CALLER_MAX, WAITING_MAX};
+pub use table::{Admission, BEGIN_WITHIN, CallTable, Next, PER_CALLER_MAX, WAITING_MAX, begins_by};
 
 use crate::logic::bytes::Bytes;
 use crate::logic::codec::{Enveloped, Kind};

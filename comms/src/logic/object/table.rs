@@ -13,6 +13,12 @@ pub const PER_CALLER_MAX: usize = 64;
 /// How long the order to begin an activation may take. For so long a call waits for a process that does not run.
 pub const BEGIN_WITHIN: Duration = Duration::from_secs(1);
 
+/// Returns until when a call that comes at `now` waits for a process that does not run: for at most [`BEGIN_WITHIN`], and at most half
+/// of the time that its caller has left.
+pub fn begins_by(now: Time, deadline: Time) -> Time {
+    now + BEGIN_WITHIN.min(deadline.since(now) / 2)
+}
+
 /// The calls that wait.
 #[derive(Debug)]
 pub struct CallTable<T> {
@@ -66,13 +72,13 @@ impl<T> CallTable<T> {
             );
         }
         self.shares.insert(id.session.clone(), share + 1);
-        let begins_by = now + BEGIN_WITHIN.min(deadline.since(now) / 2);
+        let begins_by = begins_by(now, deadline);
         self.waiting.push_back(Waiting { id, deadline, begins_by, call });
         Admission::Admitted
     }
 
     /// Returns the call that has waited for longest. A call that needs a running process, as `needs_run` says, waits for the beginning
-    /// of its process, but at most [`BEGIN_WITHIN`], and at most half of the time that its caller had left.
+    /// of its process, but not longer than [`begins_by`] says.
     pub fn next(&mut self, now: Time, needs_run: impl Fn(&T) -> bool) -> Option<Next<T>> {
         let is_due = |one: &Waiting<T>| one.begins_by <= now || !needs_run(&one.call);
         let place = self.waiting.iter().position(is_due)?;

@@ -5,7 +5,7 @@ use super::{ConnectError, Harness, HarnessEvent, ModuleId, State, WireId};
 use crate::sdk::calls::CallOrder;
 use crate::sdk::export::Activity;
 use crate::sdk::module::Delivery;
-use comms::logic::object::ObjectError;
+use comms::logic::object::{ObjectError, begins_by};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -62,7 +62,7 @@ impl Harness {
                         server,
                         export,
                         argument,
-                        idle_until: OpenCall::idle_until(self.now, within),
+                        begins_by: begins_by(self.now, self.now + within),
                         wanted: Arc::new(()),
                     };
                     let is_connected = server != slot;
@@ -98,7 +98,7 @@ impl Harness {
         };
         let exports = &server.module.interface().exports;
         let needs_run = exports.iter().any(|export| export.name == call.export && !export.is_answered_idle);
-        if activity == Activity::Idle && needs_run && self.now < call.idle_until {
+        if activity == Activity::Idle && needs_run && self.now < call.begins_by {
             return self.put(self.now + SERVE_AGAIN, HarnessEvent::Serve { call: number });
         }
         if let Some(reply) = self.lines.reply(number) {

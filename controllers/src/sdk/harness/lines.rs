@@ -6,10 +6,6 @@ use comms::logic::object::ObjectError;
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
-
-/// The longest time that a call waits for a process that does not run.
-const IDLE_WITHIN: Duration = Duration::from_secs(1);
 
 /// A wire of data, or a connection of a call with an export.
 pub(super) struct Wire {
@@ -30,16 +26,9 @@ pub(super) struct OpenCall {
     pub(super) export: &'static str,
     pub(super) argument: Vec<u8>,
     /// Until when the call waits for a server that does not run.
-    pub(super) idle_until: Time,
+    pub(super) begins_by: Time,
     /// Lives as long as the caller waits.
     pub(super) wanted: Arc<()>,
-}
-
-impl OpenCall {
-    /// Returns how long a call waits for a server that does not run, as in a real program.
-    pub(super) fn idle_until(now: Time, within: Duration) -> Time {
-        now + IDLE_WITHIN.min(within / 2)
-    }
 }
 
 /// An answer that a module has given.
