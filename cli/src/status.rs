@@ -16,7 +16,7 @@ use anyhow::anyhow;
 use clap_complete::ArgValueCompleter;
 use node::console::{self, Failure, block_on};
 use node::logic::printable::one_line;
-use node::logic::protocol::{Absent, Deployment, LostValues, Network, NodeStatus, RefusedValues};
+use node::logic::protocol::{Absent, Deployment, DeploymentStatus, Network, NodeStatus};
 use node::logic::table::table;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -191,27 +191,18 @@ impl Group {
         let stopped: Vec<String> =
             stopped.map(|by| format!("{by}; `dca estop --release` lets programs begin again")).collect();
         let mut blocks = vec![stopped.join("\n"), tree(statuses, &unknown)];
-        let lost = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
-            let row = |lost: &LostValues| {
-                vec![format!("{}: {}", part.deployment.name, lost.wire), format!("{} lost", lost.count)]
-            };
-            part.lost.iter().map(row).collect::<Vec<_>>()
-        });
-        let undelivered = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
-            let row = |lost: &LostValues| {
-                let what = format!("{} not delivered: the consumer is not connected", lost.count);
-                vec![format!("{}: {}", part.deployment.name, lost.wire), what]
-            };
-            part.undelivered.iter().map(row).collect::<Vec<_>>()
-        });
-        let refused = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
-            let row = |refused: &RefusedValues| {
-                let what = format!("{} refused: a number was not finite", refused.count);
-                vec![format!("{}: {}", part.deployment.name, refused.input), what]
-            };
-            part.refused.iter().map(row).collect::<Vec<_>>()
-        });
-        blocks.push(table(&lost.chain(undelivered).chain(refused).collect::<Vec<_>>()));
+        let parts = || statuses.iter().flat_map(|status| &status.deployments);
+        let row = |part: &DeploymentStatus, end: &str, count: u64, what: &str| {
+            vec![format!("{}: {end}", part.deployment.name), format!("{count} {what}")]
+        };
+        let lost = parts().flat_map(|part| part.lost.iter().map(move |one| row(part, &one.wire, one.count, "lost")));
+        let missed = "not delivered: the consumer is not connected";
+        let missed =
+            parts().flat_map(|part| part.undelivered.iter().map(move |one| row(part, &one.wire, one.count, missed)));
+        let refused = "refused: a number was not finite";
+        let refused =
+            parts().flat_map(|part| part.refused.iter().map(move |one| row(part, &one.input, one.count, refused)));
+        blocks.push(table(&lost.chain(missed).chain(refused).collect::<Vec<_>>()));
         let waiting = statuses.iter().flat_map(|status| status.waiting.iter().map(move |one| (&status.host, one)));
         let waiting = waiting.map(|(host, one)| vec![one_line(&one.name).to_string(), one.to_string(), host.clone()]);
         blocks.push(table(&waiting.collect::<Vec<_>>()));

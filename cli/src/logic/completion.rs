@@ -1,5 +1,6 @@
 //! The words that complete the name of a process or of a port.
 
+use crate::logic::mission::short;
 use node::logic::protocol::Deployment;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -22,7 +23,7 @@ impl Process {
 
     /// Returns the name without `main`.
     fn short(&self) -> &str {
-        self.name.strip_prefix("main/").unwrap_or(&self.name)
+        short(&self.name)
     }
 }
 

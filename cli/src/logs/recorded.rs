@@ -32,14 +32,15 @@ pub(super) fn print(arguments: &Arguments) -> Option<Result<(), Failure>> {
         };
         let name = arguments.name();
         let deployment = run.deployment();
-        match meant(&run, |path| name.is_process(&deployment, path))[..] {
+        let found = meant(&run, |path| name.is_process(&deployment, path));
+        match found[..] {
             [] => {
                 let has_process = !meant(&run, |path| name.of_any_run().is_process(&deployment, path)).is_empty();
                 others.extend(has_process.then(|| format!("`{deployment}`")));
             }
             [path] => return Some(pass(&run, path, folder, arguments)),
             [..] => {
-                let paths = meant(&run, |path| name.is_process(&deployment, path)).join("`, `");
+                let paths = found.join("`, `");
                 return Some(Err(anyhow!("`{name}` may be any of `{paths}`; give more of the path").into()));
             }
         }

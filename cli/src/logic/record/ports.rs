@@ -2,6 +2,7 @@
 
 use super::message::Messages;
 use super::missing::WireName;
+use crate::logic::mission::short;
 use crate::logic::tap::{self, Wanted};
 use comms::logic::key;
 use comms::logic::layout::Message;
@@ -44,7 +45,7 @@ fn choices(plan: &Plan) -> String {
     let mut outputs: Vec<String> = Vec::new();
     for wire in plan.wires.iter().filter(|wire| wire.transfer == Transfer::Push) {
         let path = plan.leaves.get(wire.from.leaf as usize).map_or("", |leaf| &leaf.path);
-        let output = format!("`{}.{}`", path.strip_prefix("main/").unwrap_or(path), wire.from.port);
+        let output = format!("`{}.{}`", short(path), wire.from.port);
         if !outputs.contains(&output) {
             outputs.push(output);
         }
