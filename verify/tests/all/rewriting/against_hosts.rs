@@ -145,22 +145,23 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let found = verify::sentences(&plan, &sites, &limits);
     let (mut hold, mut fail, mut differences) = (0, 0, Vec::new());
     for (((form, a, b), words), finding) in asked.iter().zip(&words).zip(&found) {
-        let asked = (*form, seats(*a), seats(*b));
+        let asked = Asked { form: *form, a: seats(*a), b: seats(*b) };
+        let scope = |groups| Scope { plan: &plan, groups };
         if matches!(form, Form::LossNever) {
-            differences.extend(never_after_loss((&plan, &tags), asked.2, finding));
+            differences.extend(never_after_loss((&plan, &tags), asked.b, finding));
             continue;
         }
-        let holds = holds((&plan, Around::Them), asked, &graph);
+        let holds = holds(scope(Around::Them), asked, &graph);
         if matches!(form, Form::NeverWith) && finding.verdict == Verdict::Proved {
-            differences.extend(loss_difference((&plan, &tags), (asked.1, asked.2), finding));
+            differences.extend(loss_difference((&plan, &tags), (asked.a, asked.b), finding));
         }
         match (holds, finding.verdict) {
             (true, Verdict::Proved) => hold += 1,
             (false, Verdict::Fails) => fail += 1,
             // The verifier also opens a group that may hang, and counts the messages in transit to the group and from
             // it.
-            (true, Verdict::Fails) if !self::holds((&plan, Around::All), asked, &graph) => fail += 1,
-            (true, Verdict::Fails) if loose().is_none_or(|graph| !self::holds((&plan, Around::Them), asked, graph)) => {
+            (true, Verdict::Fails) if !self::holds(scope(Around::All), asked, &graph) => fail += 1,
+            (true, Verdict::Fails) if loose().is_none_or(|graph| !self::holds(scope(Around::Them), asked, graph)) => {
                 fail += 1;
             }
             (_, verdict) => {
@@ -376,7 +377,23 @@ enum Around {
     All,
 }
 
-fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), graph: &Graph) -> bool {
+/// The part of a plan that a sentence is about.
+#[derive(Clone, Copy)]
+struct Scope<'a> {
+    plan: &'a Plan,
+    groups: Around,
+}
+
+/// A form of a sentence, with the two members.
+#[derive(Clone, Copy)]
+struct Asked {
+    form: Form,
+    a: Seat,
+    b: Seat,
+}
+
+fn holds(scope: Scope<'_>, asked: Asked, graph: &Graph) -> bool {
+    let Asked { form, a, b } = asked;
     let state =
         |breaks: &dyn Fn(&Seen) -> bool| !graph.objects(|_, _, seen| if breaks(seen) { Err(()) } else { Ok(false) });
     // Returns whether no forbidden event happens before the first occurrence of another event, or none from it on.
@@ -393,7 +410,8 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
             Ok(was)
         })
     };
-    let stopped = |event, who| stopped((plan, groups), event, who, graph);
+    // Each occurrence of the event counts.
+    let stopped = |seat, kinds| stopped(scope, Nth { seat, kinds, nth: 0 }, b, graph);
     let follows = |event: (Seat, &[Kind]), other: (Seat, &[Kind])| {
         graph.pays(false, false, |mut was, happened, _| {
             for happened in happened {
@@ -405,8 +423,8 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
     };
     let comes = |event: (Seat, &[Kind])| graph.pays(true, true, |was, happened, _| was && !happens(happened, event));
     match form {
-        Form::AfterDoneStopped => stopped((a, &[Kind::Done]), b),
-        Form::AfterStartStopped => stopped((a, &[Kind::Started]), b),
+        Form::AfterDoneStopped => stopped(a, &[Kind::Done]),
+        Form::AfterStartStopped => stopped(a, &[Kind::Started]),
         Form::AfterDoneEventually => follows((a, &[Kind::Done]), (b, &[Kind::Started])),
         Form::AfterEndEventually => follows((a, ENDS), (b, &[Kind::Done])),
         Form::Eventually => comes((a, &[Kind::Started])),
@@ -422,7 +440,7 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
         Form::AfterStartNever => order((a, &[Kind::Started]), b, false),
         Form::AfterEndNever => order((a, ENDS), b, false),
         Form::AtMostOnce => order((a, &[Kind::Started]), a, false),
-        Form::Counted(form) => counted((plan, groups), (form, a, b), graph),
+        Form::Counted(form) => counted(scope, form, [a, b], graph),
         Form::LossNever => unreachable!("it is asked of another graph"),
         // Simultaneous events have no order in a formula.
         Form::OnlyAfterAsFormula => !graph.objects(|was: bool, happened, _| {
@@ -443,7 +461,7 @@ fn happens(happened: &[(Seat, Kind)], (seat, kinds): (Seat, &[Kind])) -> bool {
     happened.iter().any(|(other, kind)| *other == seat && kinds.contains(kind))
 }
 
-fn counted((plan, groups): (&Plan, Around), (form, a, b): (Counted, Seat, Seat), graph: &Graph) -> bool {
+fn counted(scope: Scope<'_>, form: Counted, [a, b]: [Seat; 2], graph: &Graph) -> bool {
     match form {
         Counted::SecondStartNever => never_since_nth(graph, Nth { seat: a, kinds: &[Kind::Started], nth: 2 }, b),
         Counted::SecondEndNever => never_since_nth(graph, Nth { seat: a, kinds: ENDS, nth: 2 }, b),
@@ -463,12 +481,8 @@ fn counted((plan, groups): (&Plan, Around), (form, a, b): (Counted, Seat, Seat),
                 },
             )
         }
-        Counted::SecondDoneStopped => {
-            stopped_since((plan, groups), Nth { seat: a, kinds: &[Kind::Done], nth: 2 }, b, graph)
-        }
-        Counted::OnceStopped => {
-            stopped_since((plan, groups), Nth { seat: a, kinds: &[Kind::Started], nth: 1 }, b, graph)
-        }
+        Counted::SecondDoneStopped => stopped(scope, Nth { seat: a, kinds: &[Kind::Done], nth: 2 }, b, graph),
+        Counted::OnceStopped => stopped(scope, Nth { seat: a, kinds: &[Kind::Started], nth: 1 }, b, graph),
         Counted::OnceNeverWith => once(graph, a, &|seen| seen.active.contains(&a) && seen.active.contains(&b)),
         Counted::OnceImplies => {
             let has = |seen: &Seen, of: &BTreeSet<Seat>, seat| of.contains(&seat) && !seen.starting.contains(&seat);
@@ -477,7 +491,7 @@ fn counted((plan, groups): (&Plan, Around), (form, a, b): (Counted, Seat, Seat),
     }
 }
 
-/// One occurrence of an event of a member.
+/// One occurrence of an event of a member. If its number is 0, each occurrence counts.
 #[derive(Clone, Copy)]
 struct Nth {
     seat: Seat,
@@ -518,12 +532,8 @@ fn once(graph: &Graph, first: Seat, breaks: &dyn Fn(&Seen) -> bool) -> bool {
 /// Returns whether a member does not run after an event, once all stops in the groups are answered, and whether they
 /// are answered at some time. An order to start the member was given before. The supervisors know of the end of each
 /// group that contains one of the two.
-fn stopped(of: (&Plan, Around), (seat, kinds): (Seat, &'static [Kind]), who: Seat, graph: &Graph) -> bool {
-    stopped_since(of, Nth { seat, kinds, nth: 0 }, who, graph)
-}
-
-/// The same after one occurrence of an event. If its number is 0, each occurrence counts.
-fn stopped_since((plan, groups): (&Plan, Around), event: Nth, who: Seat, graph: &Graph) -> bool {
+fn stopped(scope: Scope<'_>, event: Nth, who: Seat, graph: &Graph) -> bool {
+    let Scope { plan, groups } = scope;
     let is_quiet = |seen: &Seen| {
         let holds = |seat: &Seat, other: Seat| {
             *seat == other || plan.groups[seat.0 as usize].members[seat.1 as usize].kind == MemberKind::Group(other.0)
