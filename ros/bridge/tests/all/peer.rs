@@ -326,12 +326,17 @@ impl Bridge {
         sent
     }
 
+    /// Returns the value of a signal.
+    pub(crate) fn signal(&mut self, name: &str) -> f64 {
+        let signals = self.module.signals();
+        signals.iter().find(|signal| signal.name == name).expect("there is such a signal").value
+    }
+
     /// Waits until a signal has a value.
     pub(crate) fn expect_signal(&mut self, name: &str, value: f64) {
         let (until, pause) = (comms::io::clock::now() + SOON, comms::io::clock::Wakeup::default());
         loop {
-            let signals = self.module.signals();
-            let found = signals.iter().find(|signal| signal.name == name).expect("there is such a signal").value;
+            let found = self.signal(name);
             if (found - value).abs() < 0.5 {
                 return;
             }
