@@ -6,7 +6,7 @@ mod load;
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FORCE_MAX, FRESH, SENSED, Still, Watch, ramp_dt, seconds};
 use crate::control::filter::Debounce;
-use crate::control::follow::Follow;
+use crate::control::follow::{Follow, HELD};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
 use crate::message::{ArmCommand, ArmState, FtState, JointState, JointVelocity, Velocity};
@@ -25,9 +25,6 @@ const STOP_WITHIN: Duration = Duration::from_millis(3500);
 /// The motion ends after this number of samples in a row with too large a force on the hand, under every law that moves the arm.
 /// Single samples may be wrong.
 const FORCE_IN_A_ROW: u32 = 4;
-/// After a gap this long the drives have stopped by themselves.
-const GAP: f64 = 0.08;
-
 /// The inputs of [`Puma560Ctrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct CtrlInputs {
@@ -105,7 +102,7 @@ impl Servo {
     fn work(
         &mut self,
         tick: Tick,
-        state: Option<&ArmState>,
+        state: &In<ArmState>,
         wanted: &Joints,
         command: &mut Out<ArmCommand>,
         lock: &mut LockCalls,
@@ -120,7 +117,10 @@ impl Servo {
             Err(reason) => return Progress::Aborted(reason),
         };
         match fence {
-            Some(fence) => command.send(ArmCommand { owner: self.owner.to_owned(), rates: Some(rates), fence }),
+            Some(fence) => {
+                self.follow.command(&rates.into(), tick.now);
+                command.send(ArmCommand { owner: self.owner.to_owned(), rates: Some(rates), fence });
+            }
             // By now the watchdog has stopped the arm.
             None => (self.command, self.follow) = (Joints::zeros(), Follow::default()),
         }
@@ -128,18 +128,19 @@ impl Servo {
     }
 
     /// Moves the command towards `wanted` (rad/s); fails if the arm is silent.
-    fn step(&mut self, tick: Tick, state: Option<&ArmState>, wanted: &Joints) -> Result<[f64; 6], String> {
+    fn step(&mut self, tick: Tick, input: &In<ArmState>, wanted: &Joints) -> Result<[f64; 6], String> {
+        let state = input.fresh_within(tick.now, SENSED);
         if self.watch.is_silent(tick.now, state.is_some()) {
             return Err("no word from the arm for 1 s".to_owned());
         }
         let measured = state.map(|state| (Joints::from(state.angles), Joints::from(state.rates)));
         // A comparison with an angle that is not a number would call every joint within its range.
         let measured = measured.filter(|(q, rates)| q.iter().chain(rates).all(|number| number.is_finite()));
-        if let Some((_, rates)) = measured.filter(|_| tick.dt() > GAP) {
+        if let Some((_, rates)) = measured.filter(|_| tick.dt() > HELD.as_secs_f64()) {
             self.command = rates;
         }
-        if let Some((angles, _)) = measured
-            && let Some(joint) = self.follow.update(&self.command, &angles, tick.dt())
+        if let (Some((angles, _)), Some(at)) = (measured, input.measured())
+            && let Some(joint) = self.follow.measure(&angles, at)
         {
             return Err(format!(
                 "joint {joint} does not follow its commands: its encoder sticks, or something holds it"
@@ -238,8 +239,7 @@ impl Controller for Puma560Ctrl {
             self.servo.hold(tick, order.rests, inputs.force.fresh());
         }
         let wanted = order.map_or_else(Joints::zeros, |order| order.rates.into());
-        let state = inputs.state.fresh_within(tick.now, SENSED);
-        self.servo.work(tick, state, &wanted, &mut outputs.command, &mut outputs.lock)
+        self.servo.work(tick, &inputs.state, &wanted, &mut outputs.command, &mut outputs.lock)
     }
 
     fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
@@ -373,8 +373,7 @@ impl Controller for Puma560 {
             return Progress::Aborted(why);
         }
         let wanted = self.wanted(tick, inputs).unwrap_or_else(Joints::zeros);
-        let state = inputs.state.fresh_within(tick.now, SENSED);
-        self.servo.work(tick, state, &wanted, &mut outputs.command, &mut outputs.lock)
+        self.servo.work(tick, &inputs.state, &wanted, &mut outputs.command, &mut outputs.lock)
     }
 
     fn stop(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
