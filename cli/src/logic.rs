@@ -2,6 +2,7 @@
 
 pub mod checkup;
 pub(crate) mod clock;
+pub(crate) mod collector;
 pub(crate) mod completion;
 pub(crate) mod estimate;
 pub(crate) mod externals;

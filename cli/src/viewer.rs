@@ -1,15 +1,18 @@
-//! `dca view`: all robots as they change, on a page for a browser and for Foxglove. `dca replay --foxglove` serves a record.
+//! `dca view`: all robots as they change, on a page for a browser, for Foxglove, and as traces for OpenTelemetry.
+//! `dca replay --foxglove` serves a record.
 //!
 //! The servers listen on this machine alone. Neither other users of the machine nor pages of other sites can read or give orders.
 //! Orders have the rights of the user of this command.
 
 pub(crate) mod foxglove;
+mod otlp;
 mod page;
 mod serve;
 mod visitors;
 
 use crate::ConnectArgs;
 use crate::live::Live;
+use crate::logic::collector::Collector;
 use crate::logic::foxglove::origin;
 use crate::reader::Reader;
 use anyhow::anyhow;
@@ -17,6 +20,7 @@ use clap::ArgGroup;
 use comms::io::clock;
 use foxglove::Foxglove;
 use node::console::{self, Failure, block_on};
+use otlp::Otlp;
 use page::Page;
 use serve::ORDER_WITHIN;
 use std::io::IsTerminal as _;
@@ -37,7 +41,7 @@ pub(crate) const FOXGLOVE: &str = "127.0.0.1:8765";
 
 /// The arguments of `dca view`.
 #[derive(Debug, clap::Args)]
-#[command(group(ArgGroup::new("shown").required(true).multiple(true).args(["page", "foxglove", "layout"])))]
+#[command(group(ArgGroup::new("shown").required(true).multiple(true).args(["page", "foxglove", "otlp", "layout"])))]
 pub(crate) struct Arguments {
     /// Serve a page for a browser on this machine [default: 127.0.0.1:7080]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = PAGE, value_parser = address)]
@@ -45,8 +49,11 @@ pub(crate) struct Arguments {
     /// Serve topics, parameters and services for Foxglove or Lichtblick on this machine [default: 127.0.0.1:8765]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = FOXGLOVE, value_parser = address)]
     foxglove: Option<SocketAddr>,
+    /// Send the missions as traces to a collector of OpenTelemetry, such as `http://localhost:4318`
+    #[arg(long, value_name = "URL", value_parser = Collector::parse)]
+    otlp: Option<Collector>,
     /// Write a layout for Foxglove or Lichtblick with panels for the missions that run, instead of serving anything
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["page", "foxglove"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["page", "foxglove", "otlp"])]
     layout: Option<PathBuf>,
     /// Let a web page of this origin connect to `--foxglove`, such as `https://viewer.example`; may be given more than once
     /// [default: Foxglove, Lichtblick and pages of this machine]
@@ -109,12 +116,18 @@ async fn serve(arguments: &Arguments, mut live: Live, reader: &mut Reader) -> an
         Some(address) => Some(Foxglove::open(address, arguments.origins.clone(), number).await?),
         None => None,
     };
+    let mut otlp = arguments.otlp.clone().map(Otlp::new);
     let mut follow = tokio::time::interval(FOLLOW_EVERY);
     loop {
         tokio::select! {
             input = live.next() => {
-                if let (Some(foxglove), Input::Event { event, .. }) = (&foxglove, &input) {
-                    foxglove.event(event);
+                if let Input::Event { home, event } = &input {
+                    if let Some(foxglove) = &foxglove {
+                        foxglove.event(event);
+                    }
+                    if let Some(otlp) = &mut otlp {
+                        otlp.event(home, event);
+                    }
                 }
                 model.lock().unwrap_or_else(PoisonError::into_inner).apply(clock::now(), input);
                 changed.send_modify(|count| *count += 1);
@@ -132,7 +145,12 @@ async fn serve(arguments: &Arguments, mut live: Live, reader: &mut Reader) -> an
                     foxglove.take(event, &live, &model.lock().unwrap_or_else(PoisonError::into_inner))?;
                 }
             }
-            _ = follow.tick() => live.follow(&model.lock().unwrap_or_else(PoisonError::into_inner), None, None),
+            _ = follow.tick() => {
+                live.follow(&model.lock().unwrap_or_else(PoisonError::into_inner), None, None);
+                if let Some(otlp) = &mut otlp {
+                    otlp.send();
+                }
+            }
             () = reader.left() => break,
         }
     }
@@ -141,6 +159,9 @@ async fn serve(arguments: &Arguments, mut live: Live, reader: &mut Reader) -> an
     }
     if let Some(foxglove) = foxglove {
         foxglove.close().await;
+    }
+    if let Some(otlp) = otlp {
+        otlp.close().await;
     }
     live.close().await;
     Ok(())

@@ -1,4 +1,5 @@
-//! A record as a trace of OpenTelemetry: the mission and each activation of a process are spans.
+//! Missions as traces of OpenTelemetry: the mission and each activation of a process are spans. A trace is made from a
+//! record, or while the mission runs.
 //!
 //! The form is the same as in the OTLP file exporter: each line is one `ExportTraceServiceRequest` in JSON. Collectors read
 //! such lines from a file, or as a POST to `/v1/traces`. The same record always gives the same bytes.
@@ -12,6 +13,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use view::sentence::{change_text, ending_text};
 
+pub(crate) mod live;
+
 /// The most spans in one line. Collectors accept 4 MiB at a time, and a span has about 1 KiB.
 const SPANS_MAX: usize = 1_000;
 /// The most events of one span. The record contains all of them.
@@ -24,7 +27,10 @@ const STATUS_ERROR: u8 = 2;
 /// One activation of a process, or the mission.
 #[derive(Debug)]
 struct Span {
+    /// Its place in the trace, counted from 0: the mission.
+    place: usize,
     path: String,
+    host: Option<String>,
     parent: Option<usize>,
     begin: Duration,
     end: Option<Duration>,
@@ -52,10 +58,13 @@ impl SpanEnd {
     }
 }
 
-/// The spans of a record, in the order of their beginnings.
+/// The spans of a mission.
 #[derive(Debug, Default)]
 struct Spans {
-    all: Vec<Span>,
+    /// The spans by their places, in the order of their beginnings.
+    all: BTreeMap<usize, Span>,
+    /// The number of spans that have begun.
+    begun: usize,
     /// The span of each process that is active now.
     active: BTreeMap<String, usize>,
     /// The latest span of each process. A failure refers to the span of the process where it began.
@@ -66,10 +75,13 @@ struct Spans {
 impl Spans {
     fn of(run: &Run) -> Self {
         let mut spans = Self::default();
-        spans.begin("", Duration::ZERO);
+        let hosts = hosts(&run.header.plan);
+        spans.begin("", None, Duration::ZERO);
         for entry in &run.entries {
             match entry {
-                Entry::Report(Report::Process { path, change, at }) => spans.change(path, change, *at),
+                Entry::Report(Report::Process { path, change, at }) => {
+                    spans.change(path, hosts.get(path.as_str()).copied(), change, *at);
+                }
                 Entry::Report(Report::Finished { ending, at, .. }) => spans.end("", ending, *at),
                 Entry::Report(_) => {}
                 Entry::Signals { at, .. }
@@ -83,36 +95,42 @@ impl Spans {
         spans
     }
 
-    fn begin(&mut self, path: &str, at: Duration) {
+    fn begin(&mut self, path: &str, host: Option<&str>, at: Duration) {
         // `main` belongs to the span of the mission, and each other process to the span of its group.
         let around = path.rsplit_once('/').map_or("", |(around, _)| around);
-        let parent = (!path.is_empty()).then(|| self.active.get(around).copied().unwrap_or_default());
-        let place = self.all.len();
+        let place = self.begun;
         let span = Span {
+            place,
             path: path.to_owned(),
-            parent,
+            host: host.map(str::to_owned),
+            parent: (!path.is_empty()).then(|| self.active.get(around).copied().unwrap_or_default()),
             begin: at,
             end: None,
             outcome: None,
             events: Vec::new(),
             events_dropped: 0,
         };
-        self.all.push(span);
+        self.begun += 1;
+        self.all.insert(place, span);
         self.active.insert(path.to_owned(), place);
         self.latest.insert(path.to_owned(), place);
         self.now = self.now.max(at);
     }
 
     fn end(&mut self, path: &str, ending: &Ending, at: Duration) {
-        self.now = self.now.max(at);
-        let Some(span) = self.active.remove(path).and_then(|place| self.all.get_mut(place)) else { return };
-        span.end = Some(at);
-        span.outcome = Some(SpanEnd::of(ending));
+        self.close(path, SpanEnd::of(ending), at);
     }
 
-    fn change(&mut self, path: &str, change: &Change, at: Duration) {
+    fn close(&mut self, path: &str, end: SpanEnd, at: Duration) {
+        self.now = self.now.max(at);
+        let Some(span) = self.active.remove(path).and_then(|place| self.all.get_mut(&place)) else { return };
+        span.end = Some(at);
+        span.outcome = Some(end);
+    }
+
+    fn change(&mut self, path: &str, host: Option<&str>, change: &Change, at: Duration) {
         if let Change::Activated = change {
-            self.begin(path, at);
+            self.begin(path, host, at);
         } else if let Change::Ended(ending) = change {
             self.end(path, ending, at);
         } else {
@@ -125,7 +143,7 @@ impl Spans {
         self.now = self.now.max(at);
         let place = self.active.get(path).copied();
         let text = if place.is_some() { change_text(change) } else { format!("{path} {}", change_text(change)) };
-        let Some(span) = self.all.get_mut(place.unwrap_or_default()) else { return };
+        let Some(span) = self.all.get_mut(&place.unwrap_or_default()) else { return };
         if span.events.len() < EVENTS_MAX {
             span.events.push((at, text));
         } else {
@@ -142,49 +160,54 @@ pub(crate) fn lines(run: &Run, go: Duration) -> Vec<String> {
     };
     let deployment = run.entries.iter().find_map(accepted).unwrap_or_else(|| run.header.plan.name.clone());
     let spans = Spans::of(run);
-    let hosts = hosts(&run.header.plan);
-    let trace = trace_id(&deployment, go);
-    let context = Context { spans: &spans, hosts: &hosts, deployment: &deployment, trace: &trace, go };
-    let all: Vec<Value> = (0..spans.all.len()).map(|place| context.span(place)).collect();
-    let resource = json!({ "attributes": [text("service.name", &deployment), text("dca.spec", &run.header.file)] });
-    let scope = json!({ "name": "dca", "version": env!("CARGO_PKG_VERSION") });
-    let line = |spans: &[Value]| {
-        let of_scope = json!([{ "scope": scope, "spans": spans }]);
-        json!({ "resourceSpans": [{ "resource": resource, "scopeSpans": of_scope }] }).to_string()
-    };
-    all.chunks(SPANS_MAX).map(line).collect()
+    let trace = Trace { id: trace_id(&deployment, go), deployment, file: Some(run.header.file.clone()), go };
+    let all: Vec<Value> = spans.all.values().map(|span| trace.span(span, &spans)).collect();
+    all.chunks(SPANS_MAX).map(|spans| trace.line(spans)).collect()
 }
 
-struct Context<'a> {
-    spans: &'a Spans,
-    hosts: &'a BTreeMap<&'a str, &'a str>,
-    deployment: &'a str,
-    trace: &'a str,
+/// The parts that all spans of a trace have in common.
+#[derive(Debug)]
+struct Trace {
+    id: String,
+    deployment: String,
+    /// The file of the spec, if it is known.
+    file: Option<String>,
+    /// The time since 1970 from which the times of the spans are counted.
     go: Duration,
 }
 
-impl Context<'_> {
-    fn span(&self, place: usize) -> Value {
-        let span = &self.spans.all[place];
-        let name = if place == 0 { self.deployment } else { span.path.rsplit('/').next().unwrap_or(&span.path) };
+impl Trace {
+    /// Returns the request that contains these spans.
+    fn line(&self, spans: &[Value]) -> String {
+        let mut attributes = vec![text("service.name", &self.deployment)];
+        attributes.extend(self.file.as_ref().map(|file| text("dca.spec", file)));
+        let resource = json!({ "attributes": attributes });
+        let scope = json!({ "name": "dca", "version": env!("CARGO_PKG_VERSION") });
+        let of_scope = json!([{ "scope": scope, "spans": spans }]);
+        json!({ "resourceSpans": [{ "resource": resource, "scopeSpans": of_scope }] }).to_string()
+    }
+
+    fn span(&self, span: &Span, spans: &Spans) -> Value {
+        let is_mission = span.place == 0;
+        let name = if is_mission { &self.deployment } else { span.path.rsplit('/').next().unwrap_or(&span.path) };
         let mut attributes = vec![text("dca.path", &span.path)];
-        attributes.extend(self.hosts.get(span.path.as_str()).map(|host| text("dca.host", host)));
+        attributes.extend(span.host.as_ref().map(|host| text("dca.host", host)));
         attributes.extend(span.outcome.as_ref().map(|outcome| text("dca.outcome", &outcome.text)));
         if span.end.is_none() {
             attributes.push(json!({ "key": "dca.unfinished", "value": { "boolValue": true } }));
         }
         let event = |(at, text): &(Duration, String)| json!({ "timeUnixNano": self.time(*at), "name": text });
         let mut shown = json!({
-            "traceId": self.trace,
-            "spanId": span_id(place),
+            "traceId": self.id,
+            "spanId": span_id(span.place),
             "name": name,
             "kind": INTERNAL,
             "startTimeUnixNano": self.time(span.begin),
-            "endTimeUnixNano": self.time(span.end.unwrap_or(self.spans.now)),
+            "endTimeUnixNano": self.time(span.end.unwrap_or(spans.now)),
             "attributes": attributes,
             "events": span.events.iter().map(event).collect::<Vec<_>>(),
             "droppedEventsCount": span.events_dropped,
-            "links": self.links(place),
+            "links": self.links(span, spans),
             "status": status(span.outcome.as_ref()),
         });
         if let Some(parent) = span.parent {
@@ -194,12 +217,12 @@ impl Context<'_> {
     }
 
     /// Links a failure to the activation where it began.
-    fn links(&self, place: usize) -> Vec<Value> {
-        let origin = self.spans.all[place].outcome.as_ref().and_then(|outcome| outcome.origin.as_deref());
-        let origin = origin.and_then(|path| self.spans.latest.get(path)).filter(|origin| **origin != place);
+    fn links(&self, span: &Span, spans: &Spans) -> Vec<Value> {
+        let origin = span.outcome.as_ref().and_then(|outcome| outcome.origin.as_deref());
+        let origin = origin.and_then(|path| spans.latest.get(path)).filter(|origin| **origin != span.place);
         let link = |origin: &usize| {
             let attributes = [text("dca.link", "origin of the failure")];
-            json!({ "traceId": self.trace, "spanId": span_id(*origin), "attributes": attributes })
+            json!({ "traceId": self.id, "spanId": span_id(*origin), "attributes": attributes })
         };
         origin.map(link).into_iter().collect()
     }

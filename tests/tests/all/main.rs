@@ -85,6 +85,7 @@ mod top;
 mod tour;
 mod undelivered;
 mod view_foxglove;
+mod view_otlp;
 mod view_page;
 mod watching;
 mod wires;
