@@ -91,10 +91,9 @@ fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datu
     match value.get_ref() {
         DeValue::String(text) => Ok(Datum::Text(text.to_string())),
         DeValue::Integer(number) => integer(number).map(Datum::Integer).map_err(refuse),
-        DeValue::Float(number) => match number.as_str().parse::<f64>() {
-            Ok(parsed) if parsed.is_finite() || number.as_str().contains(['i', 'n']) => Ok(Datum::float(parsed)),
-            _ => Err(refuse(Fault::new(format!("{number} is not a 64-bit float"), ""))),
-        },
+        DeValue::Float(number) => float(number.as_str())
+            .map(Datum::float)
+            .ok_or_else(|| refuse(Fault::new(format!("{number} is not a 64-bit float"), ""))),
         DeValue::Boolean(yes) => Ok(Datum::Bool(*yes)),
         DeValue::Datetime(_) => Err(refuse(Fault::new("a date is not a value", "write it as a text, in quotes"))),
         DeValue::Array(items) => {
@@ -108,6 +107,14 @@ fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datu
             untag(fields.iter().map(read).collect::<Result<_, _>>()?).map_err(refuse)
         }
     }
+}
+
+/// Reads a number of TOML; none if its exponent is too large or too small for 64 bits.
+fn float(number: &str) -> Option<f64> {
+    let parsed = number.parse::<f64>().ok()?;
+    let digits = number.split(['e', 'E']).next().unwrap_or_default();
+    let is_lost = parsed.is_infinite() || (parsed == 0.0 && digits.contains(|digit| ('1'..='9').contains(&digit)));
+    (!is_lost || number.contains(['i', 'n'])).then_some(parsed)
 }
 
 fn integer(number: &DeInteger<'_>) -> Result<i64, Fault> {
