@@ -91,6 +91,15 @@ fn missing(name: &str, life: &[Heard]) -> u64 {
     missing
 }
 
+/// Returns the number before and after each gap, with the times since the first beat.
+fn gaps(life: &[Heard]) -> Vec<String> {
+    let gap = |pair: &[Heard]| {
+        let of = |beat: &Heard| format!("{} at {:.3?}, {:.3?} old", beat.number, beat.at - life[0].at, beat.age);
+        (pair[1].number > pair[0].number + 1).then(|| format!("{}, then {}", of(&pair[0]), of(&pair[1])))
+    };
+    life.windows(2).filter_map(gap).collect()
+}
+
 /// Deploys a spec of hearts, ears and eyes. Each is `(type, name, host, after its declaration)`.
 fn deploy(
     (cluster, here): (&Cluster, &Host),
@@ -187,7 +196,8 @@ fn one_writer_and_many_readers_over_a_link_that_is_cut() {
         }
         let lost = missing(name, life);
         println!("{name} on {}: {} heard, {lost} lost and counted", host_of(number), life.len());
-        assert!(lost == 0 || host_of(number) == "c2", "`{name}`, whose link was not cut, has lost {lost}");
+        let whole = lost == 0 || host_of(number) == "c2";
+        assert!(whole, "`{name}`, whose link was not cut, has lost {lost}: {:?}", gaps(life));
     }
     hosts.end();
 }
