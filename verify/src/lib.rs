@@ -103,13 +103,11 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
 fn timers(model: &Model<'_>) -> String {
     let has_activities = model.plan.groups.iter().any(|group| matches!(group.expression, Expression::Chart(_)));
     let has_order = model.parts.iter().any(|part| system::has_order(&part.expression));
-    let order =
-        if has_order { ", but a timer runs out before a longer one that begins together with it or later" } else { "" };
-    let activities = match has_activities {
-        true => ", but timers of one activity run out in the order of their times",
-        false => "",
-    };
-    format!("timers may run out in any order{order}{activities}")
+    let order = has_order.then_some("a timer runs out before a longer one that begins together with it or later");
+    let activities = has_activities.then_some("timers of one activity run out in the order of their times");
+    let exceptions: Vec<&str> = order.into_iter().chain(activities).collect();
+    let but = if exceptions.is_empty() { "" } else { ", but " };
+    format!("timers may run out in any order{but}{}", exceptions.join(", and "))
 }
 
 /// Answers only the sentences of `verify` blocks.

@@ -61,6 +61,30 @@ fn a_spec_of_several_hosts_says_that_none_is_lost() {
     assert!(!says(["c1", "c1"]));
 }
 
+#[test]
+fn the_order_of_timers_is_one_sentence() {
+    let plain = spec(["c1", "c1"], ";", "a ; b");
+    let ordered = spec(["c1", "c1"], ";", "(a within 5 s) # (b within 3 s)");
+    let activity = |text: &str| {
+        format!(
+            "{text} activity Act(){{ host{{c1}} k instof Step(c1); initial state one {{ run k; on done -> done; }} }}"
+        )
+        .replace("a instof Step(c1);", "a instof Act();")
+    };
+    let order = "a timer runs out before a longer one that begins together with it or later";
+    let states = "timers of one activity run out in the order of their times";
+    let any = "timers may run out in any order";
+    let cases = [
+        (activity(&plain), format!("{any}, but {states}")),
+        (activity(&ordered), format!("{any}, but {order}, and {states}")),
+        (ordered, format!("{any}, but {order}")),
+        (plain, any.to_owned()),
+    ];
+    for (text, expected) in cases {
+        assert!(verified(&text).0.assumptions.contains(&expected), "{expected}\n{text}");
+    }
+}
+
 /// A claim about time counts no time for messages. Its proof says so if any messages are in transit.
 #[test]
 fn times_across_hosts_rest_on_messages_that_take_none() {
