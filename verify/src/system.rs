@@ -276,9 +276,10 @@ impl<'a> System<'a> {
             false => tags.iter().filter_map(|tag| Value::tagged(tag, &[])).collect(),
         };
         let mut aborted = vec![Value::EMPTY];
+        let ended = is_service.then_some(Failure::ServiceEnded);
         // If the supervisor's own host is lost, the supervisor is lost as well.
         let is_away = leaf_plan.host != group.host;
-        for reason in [Failure::Crash].into_iter().chain(Some(Failure::HostLost).filter(|_| is_away)) {
+        for reason in [Failure::Crash].into_iter().chain(Some(Failure::HostLost).filter(|_| is_away)).chain(ended) {
             let report = self.value(self.report(&reason));
             if !aborted.contains(&report) {
                 aborted.push(report);

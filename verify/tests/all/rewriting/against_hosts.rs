@@ -3,7 +3,7 @@
 use super::against_loss::{loss_difference, never_after_loss};
 use super::explore::{Trouble, explore as explore_group};
 use super::graph::{Graph, Kind, Seat, Seen};
-use super::hosts::{Links, Tags, explore};
+use super::hosts::{Links, Tags, explore, explore_frail};
 use super::random::{Dice, TAGS, Taste, of_size};
 use super::rules::Reference;
 use super::term::{Conf, Outcome, expression};
@@ -164,6 +164,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
             (true, Verdict::Fails) if loose().is_none_or(|graph| !self::holds(scope(Around::Them), asked, graph)) => {
                 fail += 1;
             }
+            (true, Verdict::Fails) if !survives_losses(asked, &plan, &tags) => fail += 1,
             (_, verdict) => {
                 let story = finding.story.iter().flat_map(Story::lines).collect::<Vec<_>>().join("\n");
                 differences.push(format!("`{words}`: {holds} by brute force, {verdict:?}\n{story}"));
@@ -175,6 +176,14 @@ pub(crate) fn compare(seed: u64) -> Compared {
         true => Compared::Same(hold, fail),
         false => Compared::Differs(format!("seed {seed}: {}\n{text}", differences.join("\n"))),
     }
+}
+
+/// Returns whether a sentence also holds if the groups that it does not name may be lost with their hosts.
+fn survives_losses(asked: Asked, plan: &Plan, tags: &Tags) -> bool {
+    let groups = 1..u32::try_from(plan.groups.len()).expect("few groups");
+    let frail = groups.filter(|group| ![asked.a.0, asked.b.0].contains(group)).collect();
+    let graph = explore_frail(plan, tags, frail);
+    graph.is_some_and(|graph| holds(Scope { plan, groups: Around::Them }, asked, &graph))
 }
 
 /// Returns the difference in a finding that belongs to no sentence: whether a group may reach a state where it never

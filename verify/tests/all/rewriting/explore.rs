@@ -138,6 +138,11 @@ fn moves(at: &Seen, reference: &Reference, group: &Group, tags: &Tags, trouble: 
             if asked.contains(&&Failure::Crash) || asked.contains(&&Failure::Reported) {
                 all.push(Move::Leaf(Event::Failed(member, Failure::Crash)));
             }
+            let tells = |failure| asked.contains(&&failure);
+            let is_service = group.members[member as usize].service;
+            if is_service && (tells(Failure::ServiceEnded) || tells(Failure::Reported)) {
+                all.push(Move::Leaf(Event::Failed(member, Failure::ServiceEnded)));
+            }
         }
         if !at.is_struck && [Trouble::Crash(member), Trouble::Hang(member)].contains(&trouble) {
             all.push(Move::Fault);

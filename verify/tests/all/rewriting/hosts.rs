@@ -67,6 +67,8 @@ enum Move {
     Noted(u32),
     /// The own node of a supervisor reports that a member is out of reach.
     Refused(Seat),
+    /// The host of a group is lost.
+    Vanishes(u32),
 }
 
 /// Which messages may overtake others on the way from one host to another.
@@ -98,6 +100,8 @@ struct World<'p> {
     /// The loss that may happen, if any, and the state of the lost host.
     loss: Option<Loss>,
     rift: loss::Rift,
+    /// The groups that fail if their host is lost.
+    frail: BTreeSet<u32>,
 }
 
 /// Explores a plan. Any program may fail and the whole may be stopped at any time. Returns nothing if there are too
@@ -106,10 +110,16 @@ pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
     explore_from(World::new(plan, links), tags)
 }
 
+/// Explores the same plan if the host of each of these groups may be lost. Each group of them that is on another host than its
+/// supervisor fails then, and nothing else changes.
+pub(crate) fn explore_frail(plan: &Plan, tags: &Tags, frail: BTreeSet<u32>) -> Option<Graph> {
+    explore_from(World { frail, ..World::new(plan, Links::InOrder) }, tags)
+}
+
 /// Explores a plan in which a host may be lost, while no program fails and no stop is requested. The graph shows the
 /// processes that really run.
-pub(crate) fn explore_loss(plan: &Plan, tags: &Tags, loss: Loss) -> Option<Graph> {
-    explore_from(World { loss: Some(loss), ..World::new(plan, Links::InOrder) }, tags)
+pub(crate) fn explore_loss(plan: &Plan, tags: &Tags, loss: Loss, links: Links) -> Option<Graph> {
+    explore_from(World { loss: Some(loss), ..World::new(plan, links) }, tags)
 }
 
 fn explore_from(first: World<'_>, tags: &Tags) -> Option<Graph> {
@@ -155,6 +165,7 @@ impl<'p> World<'p> {
             happened: Vec::new(),
             loss: None,
             rift: loss::Rift::default(),
+            frail: BTreeSet::new(),
         }
     }
 
@@ -262,10 +273,7 @@ impl<'p> World<'p> {
             }
             if !is_calm {
                 all.push(Move::Ends(seat, End::Failed(Failure::Reported)));
-                let mut asked = self.plan.groups.iter().flat_map(|group| group.expression.failures());
-                if asked.any(|failure| [Failure::Crash, Failure::Reported].contains(failure)) {
-                    all.push(Move::Ends(seat, End::Failed(Failure::Crash)));
-                }
+                all.extend(self.reasons(seat).map(|reason| Move::Ends(seat, End::Failed(reason))));
             }
             if self.plan.groups[seat.0 as usize].members[seat.1 as usize].service {
                 continue;
@@ -285,6 +293,7 @@ impl<'p> World<'p> {
             all.extend(timers.into_iter().map(|timer| Move::Elapsed(group, timer)));
         }
         all.extend(self.orders.iter().map(|&group| Move::Reached(group)));
+        all.extend(self.lost_groups().map(Move::Vanishes));
         let full = self.queues.iter().filter(|(_, queue)| !queue.is_empty());
         all.extend(full.map(|(&link, _)| Move::Arrives(link)));
         all
@@ -313,8 +322,42 @@ impl<'p> World<'p> {
             }
             Move::Noted(host) => return self.note(host),
             Move::Refused(seat) => self.gives_up(seat),
+            Move::Vanishes(group) => self.vanishes(group),
         };
         self.follow(work);
+    }
+
+    /// Returns the reasons that a program may fail for, besides its own report, if some expression asks for reasons.
+    fn reasons(&self, seat: Seat) -> impl Iterator<Item = Failure> {
+        let asked: Vec<&Failure> = self.plan.groups.iter().flat_map(|group| group.expression.failures()).collect();
+        let has = |failures: &[Failure]| asked.iter().any(|asked| failures.contains(asked));
+        let is_service = self.plan.groups[seat.0 as usize].members[seat.1 as usize].service;
+        let reasons = [
+            (has(&[Failure::Crash, Failure::Reported]), Failure::Crash),
+            (is_service && has(&[Failure::ServiceEnded, Failure::Reported]), Failure::ServiceEnded),
+            (self.link(seat).is_some() && !asked.is_empty(), Failure::HostLost),
+        ];
+        reasons.into_iter().filter(|(may, _)| *may).map(|(_, reason)| reason)
+    }
+
+    /// Returns the running groups that may be lost with their host.
+    fn lost_groups(&self) -> impl Iterator<Item = u32> {
+        let runs = |group: &u32| self.supervisors[*group as usize].conf.is_some();
+        let is_away = |group: &u32| self.seat_of(*group).is_some_and(|seat| self.link(seat).is_some());
+        self.frail.iter().copied().filter(move |group| runs(group) && is_away(group))
+    }
+
+    fn vanishes(&mut self, group: u32) -> Option<Work> {
+        let seat = self.seat_of(group)?;
+        self.supervisors[group as usize] = Reference::new(&Rc::new(self.plan.groups[group as usize].clone()));
+        self.programs.retain(|(of, _), _| *of != group);
+        for queue in self.queues.values_mut() {
+            queue.retain(|message| match message {
+                Message::Start((of, _), _) | Message::Ended((of, _), _) => *of != group,
+                Message::Stop(stopped) => stopped.0 != group && *stopped != seat,
+            });
+        }
+        self.ends(seat, End::Failed(Failure::HostLost))
     }
 
     /// Carries out all immediate consequences.
@@ -448,6 +491,7 @@ fn event(slot: u32, end: End) -> Event {
     match end {
         End::Done(bytes) => Event::Done(slot, bytes),
         End::Failed(Failure::Reported) => Event::Aborted(slot),
+        End::Failed(Failure::StopUnconfirmed) => Event::Unconfirmed(slot),
         End::Failed(reason) => Event::Failed(slot, reason),
         End::Stopped => Event::Stopped(slot),
     }
