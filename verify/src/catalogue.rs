@@ -386,7 +386,7 @@ fn ends_round(system: &System<'_>, graph: &Graph, unit: usize, node: usize, runn
 /// Returns the unit of the event.
 fn unit_of(label: Label) -> Option<usize> {
     match label {
-        Label::Start | Label::Stop => Some(0),
+        Label::Start | Label::StartWith(_) | Label::Stop => Some(0),
         Label::Done(unit, ..)
         | Label::Aborted(unit, ..)
         | Label::Stopped(unit, _)

@@ -96,7 +96,11 @@ impl<'s, 'a> Follower<'s, 'a> {
         let of = |member: u32| move |other: u16| u32::from(other) == member;
         let has = |wanted: &dyn Fn(Label) -> bool| self.labels.iter().copied().find(|label| wanted(*label));
         match event {
-            Event::Start(_) => has(&|label| label == Label::Start),
+            Event::Start(value) => {
+                let is_tagged = |number: u8| value.tag().is_some() && self.system.tag(number) == value.tag();
+                let with = has(&|label| matches!(label, Label::StartWith(number) if is_tagged(number)));
+                with.or_else(|| has(&|label| label == Label::Start))
+            }
             Event::Stop => has(&|label| label == Label::Stop),
             Event::Elapsed { timer, .. } => {
                 has(&|label| matches!(label, Label::Elapsed(_, other) if of(*timer)(other)))

@@ -78,6 +78,8 @@ pub enum Reached {
     Time,
     /// A limit inside a group was reached, so the possible ends of that group are unknown.
     Inside,
+    /// The spec has too many outcomes and reasons of failures.
+    Values,
 }
 
 /// All states and transitions that were found.
@@ -134,6 +136,10 @@ pub(crate) fn explore(
     observer: &(impl Observer + Sync),
 ) -> Found {
     let mut graph = Graph::new(system);
+    if system.model.values.is_limited {
+        graph.reached = Some(Reached::Values);
+        return Found { graph, stopped_at: None };
+    }
     let mut workers = vec![Mutex::new(Worker::new(system))];
     let (mut state, mut degree) = (0, 1);
     while state < graph.store.count() {

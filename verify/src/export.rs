@@ -38,7 +38,7 @@ fn word(system: &System<'_>, label: Label) -> String {
     let group = |unit: u16| system.model.group_name(part(unit).group);
     let member = |unit: u16, slot: u16| member_name(system, usize::from(unit), u32::from(slot)).unwrap_or_default();
     match label {
-        Label::Start => "start".to_owned(),
+        Label::Start | Label::StartWith(_) => "start".to_owned(),
         Label::Stop => "stop".to_owned(),
         Label::Done(unit, slot, value) => match system.tag(value) {
             Some(tag) => format!("done({}, {tag})", member(unit, slot)),

@@ -104,6 +104,7 @@ impl Reached {
             Self::States => "the limit of states was reached (--states)",
             Self::Memory => "the limit of memory was reached (--memory)",
             Self::Time => "the limit of time was reached (--seconds)",
+            Self::Values => "a spec can have at most 255 outcomes and reasons of failures",
             Self::Inside => "a group inside was not examined completely",
         }
     }

@@ -27,6 +27,7 @@ mod story;
 mod system;
 mod threads;
 mod times;
+mod values;
 mod wires;
 
 pub use conform::{Conformance, Coverage, Steps, conform};

@@ -6,6 +6,7 @@
 //! become separate parts, by the law `P, Q, R = (P, Q), R` of tasks.
 
 use crate::story::inside::Way;
+use crate::values::{Values, readers};
 use language::algebra::{Program, Value};
 use language::plan::{Expression, Given, Group, Member, MemberKind, Notice, Plan};
 use language::sites::{Property, Sites};
@@ -29,6 +30,8 @@ pub struct Model<'a> {
     pub(crate) parts: Vec<Part>,
     /// For each group except `main`, the group around it and its slot there.
     pub(crate) around: Vec<Option<(u32, u32)>>,
+    /// The values that the expressions and sentences distinguish.
+    pub(crate) values: Values,
 }
 
 /// A group, or a piece of one.
@@ -52,6 +55,8 @@ pub(crate) struct Part {
     pub(crate) may_hang: bool,
     /// Whether the part is or contains an activity, and can end in the reaction that starts it; known after `ends`.
     pub(crate) ends_at_once: bool,
+    /// Whether the part looks at the outcome with which it is started.
+    pub(crate) reads_start: bool,
     /// A way to each of the `ends`, if the part is or contains an activity.
     pub(crate) ways: [Vec<Way>; 2],
 }
@@ -86,7 +91,8 @@ impl<'a> Model<'a> {
 
     /// Divides the groups that have more than `whole` configurations.
     pub(crate) fn with(plan: &'a Plan, sites: &'a Sites, whole: u64) -> Self {
-        let mut model = Self { plan, sites, parts: Vec::new(), around: vec![None; plan.groups.len()] };
+        let around = vec![None; plan.groups.len()];
+        let mut model = Self { plan, sites, parts: Vec::new(), around, values: Values::default() };
         for (index, group) in (0..).zip(&plan.groups) {
             for (slot, member) in (0..).zip(&group.members) {
                 if let MemberKind::Group(inner) = member.kind {
@@ -100,6 +106,10 @@ impl<'a> Model<'a> {
             model.parts.push(part);
         }
         model.parts.append(&mut pieces);
+        for (part, reads_start) in readers(&model.parts).into_iter().enumerate() {
+            model.parts[part].reads_start = reads_start;
+        }
+        model.values = Values::of(&model);
         model
     }
 
@@ -222,6 +232,7 @@ impl Outline<'_> {
             is_whole: false,
             may_hang: false,
             ends_at_once: false,
+            reads_start: false,
             ways: [Vec::new(), Vec::new()],
         }
     }

@@ -113,7 +113,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
         system.notes = goal.notes();
-        follow_starts(&mut system, &goal.begun());
+        follow_events(&mut system, goal);
         if let Goal::Never(_, Forbidden::Without(_, guard)) = goal
             && let Some(seat) = guard.member.and_then(|slot| system.find(guard.group, slot))
         {
@@ -138,7 +138,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
         system.notes = goal.notes();
-        follow_starts(&mut system, &goal.begun());
+        follow_events(&mut system, goal);
         self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
     }
 
@@ -288,7 +288,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
         };
         let mut system = self.faulty(kind, struck, other)?;
-        follow_starts(&mut system, &goal.begun());
+        follow_events(&mut system, &goal);
         match consequence {
             Consequence::Eventually(_) => self.is_live(&system, &goal, &|_| true),
             Consequence::Stopped(..) | Consequence::Never(_) => self.is_safe(&system, &goal),
@@ -384,6 +384,18 @@ fn has_limit(sentence: &Sentence) -> bool {
             | Sentence::After(_, Consequence::Stopped(_, Some(_)))
             | Sentence::On(_, Consequence::Stopped(_, Some(_)))
     )
+}
+
+/// Makes the events of a goal take place on the hosts of its processes, and not at their supervisors.
+fn follow_events(system: &mut System<'_>, goal: &Goal) {
+    follow_starts(system, &goal.begun());
+    follow_failures(system, &goal.failing());
+}
+
+/// Lets these processes fail while an order to stop is on its way to them.
+fn follow_failures(system: &mut System<'_>, whom: &[ProcessRef]) {
+    let seats = whom.iter().filter_map(|who| system.find(who.group, who.member?)).collect();
+    system.follow_failures(seats);
 }
 
 /// Makes the orders to start these programs take time as well, if the programs run on other hosts than their

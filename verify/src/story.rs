@@ -244,6 +244,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
     let root = || system.model.group_name(system.model.parts[system.units[0].part].group);
     match label {
         Label::Start => format!("`{}` starts", root()),
+        Label::StartWith(value) => format!("`{}` starts with {}", root(), system.tag(value).unwrap_or_default()),
         Label::Stop => format!("`{}` is asked to stop", root()),
         Label::Done(unit, member, value) => match system.tag(value) {
             Some(tag) => format!("{} is done: {tag}", name(unit, member)),
@@ -333,6 +334,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         | Label::Heard(unit, member)
         | Label::Back(unit, member) => Some((usize::from(unit), u32::from(member))),
         Label::Start
+        | Label::StartWith(_)
         | Label::Stop
         | Label::Elapsed(..)
         | Label::Told(..)

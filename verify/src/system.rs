@@ -38,6 +38,8 @@ use zone::Clocks;
 pub(crate) enum Label {
     /// The whole is started.
     Start,
+    /// The whole is started with the value of this number.
+    StartWith(u8),
     /// The whole is asked to stop.
     Stop,
     /// A member of a unit is done, with the value of this number.
@@ -191,11 +193,13 @@ pub(crate) struct System<'a> {
     pub(crate) mode: Mode,
     /// How many bytes observers need.
     pub(crate) notes: usize,
-    values: Vec<Value>,
+    values: &'a [Value],
     /// The two sides of a loss, if `mode` contains one.
     rift: Option<Rift>,
     restarts: Restarts,
     transit: Transit,
+    /// The members that may fail while an order to stop is on its way to them.
+    failing: Vec<MemberRef>,
     clocks: Clocks,
     /// Whether the possible ends of everything in it are known.
     is_whole: bool,
@@ -205,16 +209,16 @@ impl<'a> System<'a> {
     /// Makes a system from a part and those parts below it for which `is_open` is true; the others
     /// become black boxes. Pieces of an open group are open if a part inside them is open.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
-        let values = all_values(model);
         let mut system = Self {
             model,
             units: Vec::new(),
             mode: Mode::default(),
             notes: 0,
-            values,
+            values: &model.values.all,
             rift: None,
             restarts: Restarts::default(),
             transit: Transit::default(),
+            failing: Vec::new(),
             clocks: Clocks::default(),
             is_whole: true,
         };
@@ -236,7 +240,7 @@ impl<'a> System<'a> {
     /// Adds a part.
     fn add(&mut self, part: usize, parent: Option<MemberRef>, is_open: &dyn Fn(usize) -> bool) -> usize {
         let source = &self.model.parts[part];
-        let packing = Packing::new(&source.program, &self.values);
+        let packing = Packing::new(&source.program, self.values);
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
         let messages = messages::of(&source.expression);
@@ -245,7 +249,9 @@ impl<'a> System<'a> {
         // A part has a slot for each member of its group, including the members that its pieces
         // run. Members of pieces are never active in the part itself.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
-        let is_box = |model: &Model<'_>, inner: usize| !is_open(inner) && !model.parts[inner].ends_at_once;
+        let is_box = |model: &Model<'_>, inner: usize| {
+            !is_open(inner) && !model.parts[inner].ends_at_once && !model.parts[inner].reads_start
+        };
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
@@ -417,10 +423,12 @@ impl<'a> System<'a> {
         Phase::ALL[usize::from(bytes[self.states_length() + self.units.len().div_ceil(8)] & 7).min(5)]
     }
 
-    /// If a value has a tag, only the tag is stored in a packed state.
+    /// If a value has a tag, only the tag is stored in a packed state, with the tags inside it at which a `match` may look.
     fn number(&self, value: &Value) -> u8 {
-        let is_same = |other: &Value| if value.tag().is_some() { other.tag() == value.tag() } else { other == value };
-        let known = self.values.iter().position(is_same);
+        let known = self.values.iter().position(|other| other == value).or_else(|| {
+            // The first value with this tag has nothing behind the tag.
+            self.values.iter().position(|other| value.tag().is_some() && other.tag() == value.tag())
+        });
         known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
     }
 
@@ -462,29 +470,6 @@ impl<'a> System<'a> {
         let steps = (0..self.units.len()).map(|unit| Steps::new(self.program(unit), &self.units[unit].packing));
         Stepper::new(self, steps.collect())
     }
-}
-
-/// Returns the values, besides the empty value, that outcomes may have, if an expression distinguishes them.
-fn all_values(model: &Model<'_>) -> Vec<Value> {
-    if !model.has_tags() {
-        return Vec::new();
-    }
-    let mut tags: Vec<&str> = model.plan.leaves.iter().flat_map(|leaf| &leaf.outcomes).map(String::as_str).collect();
-    tags.extend(model.plan.groups.iter().flat_map(|group| group.expression.tags()));
-    tags.sort_unstable();
-    tags.dedup();
-    let mut values: Vec<Value> = tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect();
-    let asked = model.plan.groups.iter().flat_map(|group| group.expression.failures());
-    let asked: BTreeSet<&Failure> = asked.collect();
-    // The report of this reason is empty, so all other reasons need a number.
-    let others = asked.contains(&Failure::Reported).then(|| Failure::other().report());
-    for value in asked.into_iter().map(Failure::report).chain(others) {
-        // The bytes of a short text are equal to the bytes of a tag.
-        if value != Value::EMPTY && !values.contains(&value) {
-            values.push(value);
-        }
-    }
-    values
 }
 
 pub(crate) fn small(index: usize) -> u16 {

@@ -5,7 +5,7 @@ mod turn;
 
 use crate::model::Model;
 use crate::system::{is_never_done, is_restarted};
-use language::plan::{Expression, Group, MemberKind};
+use language::plan::{Expression, Group, MemberKind, TIMER_LEAST};
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -174,7 +174,7 @@ impl Times<'_, '_> {
                 Span { done, done_most: None, end_least: Some(Duration::ZERO), end: None, stop }
             }
             Expression::Wait(time) => {
-                let time = Some(*time);
+                let time = Some((*time).max(TIMER_LEAST));
                 Span { done: time, done_most: time, end_least: time, end: time, ..NOW }
             }
             Expression::Sequence(..) | Expression::Conditional(..) => in_turn(&parts, stop),
@@ -211,10 +211,11 @@ impl Times<'_, '_> {
                 Span { done: soonest(&parts), done_most, end_least: first(&parts), end, stop }
             }
             Expression::Shield { bound, .. } => {
+                let bound = bound.map(|bound| bound.max(TIMER_LEAST));
                 let held = match (bound, parts[0].end) {
                     // An operand that ends within its time limit is never stopped.
-                    (Some(bound), Some(end)) if end < *bound => Some(end),
-                    (Some(bound), _) => add(Some(*bound), stop),
+                    (Some(bound), Some(end)) if end < bound => Some(end),
+                    (Some(bound), _) => add(Some(bound), stop),
                     (None, end) => end,
                 };
                 Span { stop: held, ..parts[0] }

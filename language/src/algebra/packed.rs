@@ -356,13 +356,11 @@ impl Packing {
         Cell { phase, open: count(OPEN), done: count(DONE), outcome }
     }
 
-    /// The value behind a tag is not kept, but the tag is: a `match` may look at it later.
+    /// The value behind a tag is only kept if it is one of the values. The tag is always kept: a `match` may look at it later.
     fn number(&self, value: &Value) -> usize {
-        let is_same_tag = |other: &Value| other.tag() == value.tag();
-        match value.tag() {
-            None => self.values.iter().position(|other| other == value).unwrap_or(0),
-            Some(_) => self.values.iter().position(is_same_tag).unwrap_or(0),
-        }
+        let is_same_tag = |other: &Value| value.tag().is_some() && other.tag() == value.tag();
+        let known = self.values.iter().position(|other| other == value);
+        known.or_else(|| self.values.iter().position(is_same_tag)).unwrap_or(0)
     }
 
     /// The number of the report of a failure.

@@ -84,6 +84,7 @@ pub(super) fn settle<'s>(
                     since.saturating_add(limit.unwrap_or_default())
                 }
                 Label::Start
+                | Label::StartWith(_)
                 | Label::Stop
                 | Label::Done(..)
                 | Label::Aborted(..)

@@ -51,6 +51,9 @@ impl Question<'_, '_, '_> {
         let is_begun = |atom: &&Atom| !matches!(atom, Atom::Happens(event) if event.kind != EventKind::Started);
         let begun = parts.atoms.iter().filter(is_begun);
         super::follow_starts(&mut system, &begun.map(process).collect::<Vec<_>>());
+        let is_failure = |atom: &&Atom| matches!(atom, Atom::Happens(event) if event.kind == EventKind::Aborted);
+        let failing = parts.atoms.iter().filter(is_failure);
+        super::follow_failures(&mut system, &failing.map(process).collect::<Vec<_>>());
         system.notes = parts.atoms.len().div_ceil(8);
         let letters = Letters { atoms: &parts.atoms, seats: Seats::new(&system, &whom) };
         let graph = explore(&system, self.limits, true, &letters).graph;

@@ -1,7 +1,7 @@
 //! The sentences about the loss of a host, and the effects of such a loss on the other hosts.
 
 use super::watch::{Forbidden, Goal};
-use super::{Question, follow_starts, place_of};
+use super::{Question, follow_events, place_of};
 use crate::fault::{ABSENT_AFTER, MISSED_AFTER, NOTED_AFTER, stops_by_itself_after, torn};
 use crate::finding::{Assumption, Finding, Verdict};
 use crate::story::seconds;
@@ -53,7 +53,7 @@ impl<'m> Question<'_, 'm, '_> {
         let goal = Goal::Never(first, Forbidden::BesideEachOther(all.to_vec()));
         let mut system = torn(self.times.model, &named);
         system.notes = goal.notes();
-        follow_starts(&mut system, &goal.begun());
+        follow_events(&mut system, &goal);
         system.mode.hears_late = true;
         system.lose(loss);
         self.is_safe(&system, &goal)
@@ -165,7 +165,7 @@ impl<'m> Question<'_, 'm, '_> {
         let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
         let mode = Mode { lost: Some(Loss { host, kind: LossKind::Programs }), ..Mode::default() };
         let mut system = self.system(&whom, mode);
-        follow_starts(&mut system, &goal.begun());
+        follow_events(&mut system, &goal);
         self.on_loss_in(&system, consequence, &goal).unwrap_or_else(|| self.proved())
     }
 
@@ -199,7 +199,7 @@ impl<'m> Question<'_, 'm, '_> {
         [LossKind::Death, LossKind::Cut].into_iter().find_map(|kind| {
             let mut system = torn(model, named.as_slice());
             system.notes = 1;
-            follow_starts(&mut system, &goal.begun());
+            follow_events(&mut system, &goal);
             system.mode.hears_late = true;
             system.lose(Loss { host, kind });
             self.on_loss_in(&system, consequence, &goal)

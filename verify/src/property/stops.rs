@@ -6,7 +6,8 @@
 
 use crate::model::runs;
 use crate::times::Times;
-use language::plan::{Expression, Group, MemberKind};
+use language::automaton::{Chart, StateKind};
+use language::plan::{Expression, Group, MemberKind, StateRun, TIMER_LEAST};
 use language::sites::ProcessRef;
 use std::time::Duration;
 
@@ -81,7 +82,10 @@ impl Times<'_, '_> {
             let others = operands.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, other)| other);
             for other in others.filter(|other| runs(other).contains(&place.slot)) {
                 let stop = self.until_stopped(place, other, stopped);
-                found.push(self.rest_stops(place, cause, one).and_then(|before| sum(before, stop)));
+                let before = self
+                    .rest_stops(place, cause, one)
+                    .and_then(|rest| sum(rest, self.queued(place, cause, expression)));
+                found.push(before.and_then(|before| sum(before, stop)));
             }
         }
         (!found.is_empty()).then(|| longest(found.into_iter()))
@@ -96,7 +100,25 @@ impl Times<'_, '_> {
         if operands.is_empty() || matches!(expression, Expression::Shield { .. } | Expression::Finally(..)) {
             return self.of(place.group, place.source, expression).stop;
         }
-        longest(operands.into_iter().map(|operand| self.rest_stops(place, cause, operand)))
+        let rest = longest(operands.into_iter().map(|operand| self.rest_stops(place, cause, operand)));
+        rest.and_then(|rest| sum(rest, self.queued(place, cause, expression)))
+    }
+
+    /// Returns the longest time for which the end of the cause may wait in the queue of an activity. A transition in another
+    /// region waits until the runs that it leaves have stopped. Each event before the cause in the queue may lead to such a
+    /// transition. In one reaction, each run stops at most once, since no run begins before the end of the reaction.
+    fn queued(&self, place: Place<'_>, cause: u32, expression: &Expression) -> Option<Duration> {
+        let Expression::Chart(chart) = expression else { return Some(Duration::ZERO) };
+        let is_own = |run: &&StateRun| runs(&run.expression).contains(&cause);
+        let is_beside = |run: &&StateRun| {
+            chart.runs.iter().filter(is_own).any(|own| own.state != run.state && are_together(&chart.chart, own, run))
+        };
+        let beside: Vec<&StateRun> = chart.runs.iter().filter(is_beside).collect();
+        let stops = beside.iter().map(|run| self.of(place.group, place.source, &run.expression).stop);
+        let stops = stops.into_iter().try_fold(Duration::ZERO, sum)?;
+        let timers = chart.chart.transitions.iter().filter(|transition| transition.trigger.time().is_some()).count();
+        let reactions = 1 + beside.len() + timers + chart.notices.len();
+        Some(stops.saturating_mul(u32::try_from(reactions).unwrap_or(u32::MAX)))
     }
 
     /// Returns the longest time from an order to stop until the member, or the named process inside it, has stopped.
@@ -110,10 +132,10 @@ impl Times<'_, '_> {
             return self.until_member_stopped(place, stopped);
         }
         if let Expression::Shield { bound, of: body } = expression {
-            return match (bound, of(body).end) {
+            return match (bound.map(|bound| bound.max(TIMER_LEAST)), of(body).end) {
                 // An operand that ends within its time limit is never stopped.
-                (Some(bound), Some(end)) if end < *bound => Some(end),
-                (Some(bound), _) => sum(*bound, inner(body)),
+                (Some(bound), Some(end)) if end < bound => Some(end),
+                (Some(bound), _) => sum(bound, inner(body)),
                 (None, end) => end,
             };
         }
@@ -138,6 +160,19 @@ impl Times<'_, '_> {
             (MemberKind::Group(_) | MemberKind::Leaf(_), _) => self.of_member(place.group, place.slot).stop,
         }
     }
+}
+
+/// Returns whether two runs of an activity may be active at the same time: one state contains the other, or they are in two
+/// regions.
+fn are_together(chart: &Chart, one: &StateRun, other: &StateRun) -> bool {
+    let outwards = |run: &StateRun| -> Vec<usize> {
+        std::iter::successors(Some(run.state as usize), |state| chart.states[*state].parent).collect()
+    };
+    let (one, other) = (outwards(one), outwards(other));
+    let common = one.iter().find(|state| other.contains(state));
+    common.is_none_or(|state| {
+        *state == one[0] || *state == other[0] || matches!(chart.states[*state].kind, StateKind::Parallel)
+    })
 }
 
 fn sum(one: Duration, other: Option<Duration>) -> Option<Duration> {

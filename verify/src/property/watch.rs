@@ -64,6 +64,17 @@ impl Goal {
         events.into_iter().filter(|event| event.kind == EventKind::Started).map(|event| event.who).collect()
     }
 
+    /// Returns the processes whose failure is an event of the goal.
+    pub(super) fn failing(&self) -> Vec<ProcessRef> {
+        let events: Vec<&Occurrence> = match self {
+            Self::Before(_, event) | Self::Sometime(event) => vec![event],
+            Self::Then(since, other) | Self::Owed(since, other) => event_of(since).chain([other]).collect(),
+            Self::StillRuns(since, _) => event_of(since).collect(),
+            Self::Never(..) | Self::Often(..) | Self::Ending(..) => Vec::new(),
+        };
+        events.into_iter().filter(|event| event.kind == EventKind::Aborted).map(|event| event.who).collect()
+    }
+
     /// Returns whether the goal is owed and has not been reached yet.
     pub(super) fn is_owed(&self, frame: &Frame) -> bool {
         let note = frame.notes.first().copied().unwrap_or(0);

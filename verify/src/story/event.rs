@@ -25,6 +25,7 @@ pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
         Label::Heard(unit, slot) => TraceEvent::Heard(member(unit, slot)?),
         Label::Fault(unit, slot) => TraceEvent::Struck(fault(system, false)?, member(unit, slot)?),
         Label::Second(unit, slot) => TraceEvent::Struck(fault(system, true)?, member(unit, slot)?),
+        Label::StartWith(_) => return None,
         Label::Lost => match system.mode.lost?.kind {
             LossKind::Cut => TraceEvent::Cut(host(system.mode.lost?.host)?),
             LossKind::Death => TraceEvent::Lost(host(system.mode.lost?.host)?),

@@ -10,7 +10,7 @@ impl System<'_> {
     pub(crate) fn labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
         labels.clear();
         match frame.phase {
-            Phase::Idle => return labels.push(Label::Start),
+            Phase::Idle => return self.start_labels(labels),
             // Beyond a loss, members may continue.
             Phase::Done | Phase::Aborted | Phase::Stopped if !self.is_split(frame) => return,
             Phase::Done | Phase::Aborted | Phase::Stopped | Phase::Stopping => {}
@@ -48,6 +48,16 @@ impl System<'_> {
                     labels.push(Label::Elapsed(small(unit), small(timer as usize)));
                 }
             }
+        }
+    }
+
+    /// Appends the starts of the whole. The group around it may start it with any outcome.
+    fn start_labels(&self, labels: &mut Vec<Label>) {
+        labels.push(Label::Start);
+        let part = self.units[0].part;
+        if part != 0 && self.model.parts[part].reads_start {
+            let outcomes = (1..=u8::MAX).take_while(|number| self.tag(*number).is_some());
+            labels.extend(outcomes.map(Label::StartWith));
         }
     }
 
@@ -97,6 +107,10 @@ impl System<'_> {
         };
         if is_stopping {
             labels.push(Label::Stopped(at, slot));
+            if !ends_by_itself && self.failing.contains(&seat) {
+                // The supervisor treats all failures of a member that it has told to stop in the same way.
+                labels.extend(ends.aborted.first().map(|report| Label::Aborted(at, slot, self.number(report))));
+            }
         }
         if ends_by_itself && !hangs {
             labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
@@ -123,6 +137,7 @@ impl System<'_> {
                 None => true,
             },
             Label::Start
+            | Label::StartWith(_)
             | Label::Stopped(..)
             | Label::Elapsed(..)
             | Label::Told(..)

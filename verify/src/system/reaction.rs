@@ -97,11 +97,8 @@ impl Reaction<'_, '_> {
     /// Returns the first consequence for the units: at most one event of one unit.
     fn begin(&mut self, label: Label) -> Option<(usize, Event)> {
         match label {
-            Label::Start => {
-                self.frame.phase = Phase::Running;
-                self.change(0, None, || Changed::Started);
-                Some((0, Event::Start(Value::EMPTY)))
-            }
+            Label::Start => Some(self.starts(Value::EMPTY)),
+            Label::StartWith(value) => Some(self.starts(self.system.value(value))),
             Label::Stop => {
                 self.frame.phase = Phase::Stopping;
                 self.change(0, None, || Changed::Stopping);
@@ -161,6 +158,12 @@ impl Reaction<'_, '_> {
                 self.strikes(unit, member, self.system.mode.second)
             }
         }
+    }
+
+    fn starts(&mut self, value: Value) -> (usize, Event) {
+        self.frame.phase = Phase::Running;
+        self.change(0, None, || Changed::Started);
+        (0, Event::Start(value))
     }
 
     fn strikes(&mut self, unit: u16, member: u16, fault: Option<Injection>) -> Option<(usize, Event)> {

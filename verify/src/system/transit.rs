@@ -86,6 +86,13 @@ impl System<'_> {
         self.follow_messages(&others);
     }
 
+    /// Lets black boxes among these members fail while an order to stop is on its way to them. On one host, an order reaches
+    /// a program at once.
+    pub(crate) fn follow_failures(&mut self, members: Vec<MemberRef>) {
+        let is_far = |seat: &MemberRef| self.is_group(*seat) || self.host_of_seat(*seat) != self.host_of(seat.unit);
+        self.failing = members.into_iter().filter(is_far).collect();
+    }
+
     /// The host of the supervisor of a unit.
     pub(super) fn host_of(&self, unit: usize) -> u32 {
         self.model.plan.groups[self.model.parts[self.units[unit].part].group as usize].host

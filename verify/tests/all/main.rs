@@ -14,3 +14,4 @@ mod stories;
 mod threads;
 mod timers;
 mod times;
+mod verdicts;

@@ -114,16 +114,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
         }
     }
     let is_asked = |form: &Form| made.is_on_two_hosts() || !matches!(form, Form::LossNever);
-    // For the verifier, a process counts as stopped once an order to stop is on its way, even if it fails before the order arrives.
-    let is_told_at_once = |(group, slot): Seat| {
-        let kind = &made.groups[group as usize].members[slot as usize].kind;
-        !made.is_on_two_hosts() && matches!(kind, MemberKind::Leaf(_))
-    };
-    let counts = |form: &Form, a| !matches!(form, Form::Counted(Counted::FirstAbortNever)) || is_told_at_once(a);
-    let forms = |(a, b)| {
-        let asked = FORMS.into_iter().filter(is_asked).filter(move |form| counts(form, a));
-        asked.map(move |form| (form, a, b))
-    };
+    let forms = |(a, b)| FORMS.into_iter().filter(is_asked).map(move |form| (form, a, b));
     let asked: Vec<(Form, Seat, Seat)> = pairs.into_iter().flat_map(forms).collect();
     let words: Vec<String> = asked.iter().map(|asked| made.words(*asked)).collect();
     let (text, tags) = made.text(&words);
