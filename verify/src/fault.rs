@@ -13,7 +13,7 @@ mod watcher;
 
 use crate::explore::{Limits, Nobody, WorkDone, explore};
 use crate::model::{Model, short};
-use crate::property::around;
+use crate::property::{Opened, around};
 use crate::story::{Story, seconds};
 use crate::system::MemberRef;
 use crate::system::{FaultKind, Injection, Loss, LossKind, Mode, System, crashes, is_torn};
@@ -228,7 +228,7 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
     });
     let mut system = match loss {
         Some(_) => torn(model, &named),
-        None => around(model, 0, &named),
+        None => around(model, 0, &named, Opened::Hanging),
     };
     let mut injections = Vec::new();
     for (group, slot, kind) in programs {

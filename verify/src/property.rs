@@ -3,6 +3,7 @@
 mod formula;
 mod loss;
 pub(crate) mod monitor;
+mod scope;
 mod stops;
 mod watch;
 
@@ -96,8 +97,13 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// Returns the smallest system around the named processes.
     fn system(&self, whom: &[ProcessRef], mode: Mode) -> System<'m> {
+        self.system_in(self.property.group, whom, mode, Opened::Hanging)
+    }
+
+    /// Returns the same system with another group as its whole.
+    fn system_in(&self, root: u32, whom: &[ProcessRef], mode: Mode, opened: Opened) -> System<'m> {
         let named: Vec<(u32, u32)> = whom.iter().filter_map(|who| Some((who.group, who.member?))).collect();
-        let mut system = around(self.times.model, self.property.group, &named);
+        let mut system = around(self.times.model, root, &named, opened);
         system.mode = mode;
         system.notes = 1;
         let seats: Vec<_> = named.iter().filter_map(|&(group, slot)| system.find(group, slot)).collect();
@@ -111,7 +117,22 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// Checks that no transition is a violation.
     fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
-        let mut system = self.system(whom, mode);
+        self.holds_in_some(whom, goal, &|root| self.safe_in(root, mode, whom, goal))
+    }
+
+    /// Returns nothing if a check proves the goal in some group. Otherwise, returns the violation in the group of the sentence.
+    fn holds_in_some(&self, whom: &[ProcessRef], goal: &Goal, check: &dyn Fn(u32) -> Option<Finding>) -> Finding {
+        let mut inner = scope::inner_groups(self.times.model, self.property.group, whom, goal).into_iter();
+        match inner.any(|group| check(group).is_none()) {
+            true => self.proved(),
+            false => check(self.property.group).unwrap_or_else(|| self.proved()),
+        }
+    }
+
+    fn safe_in(&self, root: u32, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Option<Finding> {
+        // Only a stop has to end. A violation is the same, whether or not another group may hang.
+        let opened = if matches!(goal, Goal::StillRuns(..)) { Opened::Hanging } else { Opened::Named };
+        let mut system = self.system_in(root, whom, mode, opened);
         system.notes = goal.notes();
         follow_events(&mut system, goal);
         if let Goal::Never(_, Forbidden::Without(_, guard)) = goal
@@ -119,7 +140,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         {
             system.follow_link(seat);
         }
-        self.is_safe(&system, goal).unwrap_or_else(|| self.proved())
+        self.is_safe(&system, goal)
     }
 
     fn is_safe(&self, system: &System<'_>, goal: &Goal) -> Option<Finding> {
@@ -136,10 +157,12 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// Checks that the goal can still be reached, without a failure, from every state in which it is owed.
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
-        let mut system = self.system(whom, mode);
-        system.notes = goal.notes();
-        follow_events(&mut system, goal);
-        self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
+        self.holds_in_some(whom, goal, &|root| {
+            let mut system = self.system_in(root, whom, mode, Opened::Hanging);
+            system.notes = goal.notes();
+            follow_events(&mut system, goal);
+            self.is_live(&system, goal, &|_| true)
+        })
     }
 
     /// The same check over the transitions for which `counts` is true.
@@ -413,9 +436,17 @@ pub(crate) fn place_of(model: &Model<'_>, leaf: u32) -> Option<(u32, u32)> {
     })
 }
 
-/// Returns the smallest system with group `root` as its whole in which these members are visible, and all members that
-/// may never end.
-pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) -> System<'a> {
+/// The groups that are not black boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Opened {
+    /// The groups around the named members.
+    Named,
+    /// The groups around the named members, and all groups that may never end.
+    Hanging,
+}
+
+/// Returns the smallest system with group `root` as its whole in which these members are visible.
+pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)], opened: Opened) -> System<'a> {
     let mut needed: Vec<(u32, u32)> = Vec::new();
     for &(group, slot) in named {
         let mut at = Some((group, slot));
@@ -427,7 +458,7 @@ pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) 
     let is_open = |part: usize| {
         let source = &model.parts[part];
         match source.is_piece {
-            _ if source.may_hang => true,
+            _ if source.may_hang && opened == Opened::Hanging => true,
             true => needed.iter().any(|&(group, slot)| group == source.group && model.holds(part, slot)),
             false => needed.iter().any(|&(group, _)| group == source.group),
         }

@@ -1,4 +1,4 @@
-//! Sentences that were proved although a run breaks them.
+//! Sentences that were proved although a run breaks them, or that are proved only in a small part of a large spec.
 
 use language::{Options, Source, compile_with_sites};
 use std::fmt::Write as _;
@@ -189,4 +189,45 @@ fn a_failure_beside_an_order_to_stop_counts() {
     let never = ["after g.aborted: never u", "after the 1st abort of g.p: never u"];
     check(&spec("c1", "g"), "main", &never.map(|sentence| (sentence, Fails)));
     check(&spec("c2", "g"), "main", &never.map(|sentence| (sentence, Fails)));
+}
+
+/// A sentence about the members of one group is first checked in this group alone.
+#[test]
+fn what_holds_in_a_group_alone_has_to_hold_around_it() {
+    let spec = |expression: &str| {
+        format!(
+            "module Step {{ done; }}
+            process Group(){{
+                host{{c1}}
+                instantiated_processes{{ a instof Step(c1); b instof Step(c1); }}
+                internal_event_actions{{ b ; a }}
+            }}
+            process main(){{
+                host{{c1}}
+                instantiated_processes{{ g instof Group(); t instof Step(c1); }}
+                internal_event_actions{{ {expression} }}
+            }}"
+        )
+    };
+    let once = [
+        ("after g.a.done: never g.b", Proved),
+        ("g.a at most once", Proved),
+        ("g.a only after g.b.done", Proved),
+        ("once g.a runs: never g.b with g.a", Proved),
+        ("after the 1st start of g.a: never g.b", Proved),
+        ("g.b only after g.a.done", Fails),
+    ];
+    check(&spec("t ; g"), "main", &once);
+    // What follows one run of the group is not the last word if the group runs again.
+    let again = [
+        ("after g.a.done: never g.b", Fails),
+        ("g.a at most once", Fails),
+        ("g.a only after g.b.done", Proved),
+        ("once g.a runs: never g.b with g.a", Proved),
+        ("after the 1st start of g.a: never g.b", Fails),
+        ("never g.a with g.b", Proved),
+    ];
+    check(&spec("g ;; t"), "main", &again);
+    check(&spec("retry(1) g"), "main", &again[2..4]);
+    check(&spec("retry(1) (g ; t)"), "main", &again[..1]);
 }
