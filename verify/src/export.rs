@@ -24,6 +24,17 @@ pub fn transitions(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitio
     let mut system = System::new(&model, 0, &|_| true);
     // The models for other tools have no order of timers.
     system.forget_order();
+    explored(system, limits)
+}
+
+/// Returns the same behaviour, but timers of an expression expire in their order. For comparisons with the answers.
+#[doc(hidden)]
+pub fn transitions_in_order(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitions {
+    let model = Model::of_groups(plan, sites);
+    explored(System::new(&model, 0, &|_| true), limits)
+}
+
+fn explored(mut system: System<'_>, limits: &Limits<'_>) -> Transitions {
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
     let graph: Graph = explore(&system, limits, true, &Nobody).graph;
     let states = graph.store.count();

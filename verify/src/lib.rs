@@ -32,7 +32,7 @@ mod wires;
 
 pub use conform::{Conformance, Coverage, Steps, conform};
 pub use explore::{Always, GoesOn, Limits, Reached, WorkDone};
-pub use export::{Transitions, transitions};
+pub use export::{Transitions, transitions, transitions_in_order};
 pub use fault::{COLUMNS, Mission, Row, Severity, Table};
 pub use finding::{Assumption, Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};

@@ -8,7 +8,9 @@ use language::plan::Group;
 use language::{Options, Source, compile_with_sites};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use verify::{Alone, Always, Detail, Limits, Report, Transitions, Verdict, flat, transitions, verify_in_pieces};
+use verify::{
+    Alone, Always, Detail, Limits, Report, Transitions, Verdict, flat, transitions_in_order, verify_in_pieces,
+};
 
 /// The result for a seed.
 #[derive(Debug)]
@@ -50,7 +52,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let (compiled, sites) =
         compile_with_sites(&Source::new("random.dca", text.clone()), &[], &Options::named("random"));
     let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };
-    let all = transitions(&plan, &sites, &LIMITS);
+    let all = transitions_in_order(&plan, &sites, &LIMITS);
     if all.reached.is_some() {
         return Compared::LeftOut;
     }
