@@ -25,7 +25,7 @@ pub(super) fn inner_groups(model: &Model<'_>, root: u32, whom: &[ProcessRef], go
     }
 }
 
-/// What a goal is about.
+/// The part of a run that a goal is about.
 enum Reach {
     /// Each activation of a group by itself.
     Activation,

@@ -218,7 +218,7 @@ fn what_holds_in_a_group_alone_has_to_hold_around_it() {
         ("g.b only after g.a.done", Fails),
     ];
     check(&spec("t ; g"), "main", &once);
-    // What follows one run of the group is not the last word if the group runs again.
+    // If the group runs again, one run of it decides nothing about the runs together.
     let again = [
         ("after g.a.done: never g.b", Fails),
         ("g.a at most once", Fails),
