@@ -77,7 +77,7 @@ use client::signer::KeyPlace;
 use comms::io::core_dump;
 use comms::io::session::{self, Role};
 use language::Assignment;
-use node::console::{finish, on_own_stack, parsed_by};
+use node::console::{VERSION, finish, on_own_stack, parsed_by};
 use node::io::{logging, run_dir};
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -88,7 +88,7 @@ use std::process::ExitCode;
 /// A distributed control architecture for robots: one text file defines which programs run where, how they are wired,
 /// and what happens next.
 #[derive(Debug, Parser)]
-#[command(name = "dca", version)]
+#[command(name = "dca", version = VERSION.as_str())]
 struct Command {
     #[command(subcommand)]
     verb: Verb,

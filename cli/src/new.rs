@@ -11,10 +11,12 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// The folder, which is made; its name becomes the name of the spec and of the program
     folder: PathBuf,
-    /// Also begin a program with your own controllers; DIR is a clone of DCA [default: the clone in which `dca` was built]
+    /// Also begin a program with your own controllers; DIR is a clone of DCA [default: the sources installed with `dca`, or
+    /// the clone in which it was built]
     #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true)]
     sdk: Option<Option<PathBuf>>,
-    /// Also begin controllers in Python and their tests; DIR is a clone of DCA, whose package `dca` they need
+    /// Also begin controllers in Python and their tests; DIR is a clone of DCA, whose package `dca` they need [default: the
+    /// package installed with `dca`, or the clone in which it was built]
     #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true, conflicts_with = "sdk")]
     python: Option<Option<PathBuf>>,
 }
@@ -22,6 +24,8 @@ pub struct Arguments {
 const SPEC: &str = include_str!("../templates/new.dca");
 const SDK_SPEC: &str = include_str!("../templates/sdk/spec.dca");
 const PYTHON_SPEC: &str = include_str!("../templates/python/spec.dca");
+/// The line that names the virtual environment of a module.
+const VENV: &str = "    venv \".venv\";\n";
 const PYTHON: &str = include_str!("../templates/python/controllers.py");
 const PYTHON_TESTS: &str = include_str!("../templates/python/test_controllers.py");
 const PROGRAM: &str = include_str!("../templates/sdk/main.rs");
@@ -96,12 +100,15 @@ const WORDS: [&str; 36] = [
     "move", "mut", "pub", "ref", "return", "static", "struct", "trait",
 ];
 
+/// Where packages have the sources that a program with controllers needs, below a folder such as `/usr`.
+const INSTALLED: &str = "share/dca/sdk";
+
 /// The crate with which controllers are written.
 #[derive(Debug)]
 struct Sdk {
     /// The folder of the crate `controllers`.
     path: PathBuf,
-    /// The clone of DCA that contains the crate.
+    /// The clone of DCA that contains the crate, or the installed part of a clone.
     clone: PathBuf,
 }
 
@@ -110,15 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = &arguments.folder;
     let name = name(folder, arguments.sdk.is_some())?;
     if let Some(given) = &arguments.python {
-        let clone = Sdk::find(given.as_deref())?.clone.join("python");
-        make(folder, &python(&name))?;
-        console::say(&format!(
-            "cd {} && python3 -m venv .venv && .venv/bin/pip install {} pytest && .venv/bin/pytest && dca run {name}.dca",
-            folder.display(),
-            clone.display()
-        ));
-        console::note("the first build of the package `dca` takes some minutes");
-        return Ok(());
+        return new_python(folder, &name, &Sdk::find(given.as_deref())?);
     }
     let sdk = arguments.sdk.as_ref().map(|given| Sdk::find(given.as_deref())).transpose()?;
     let files = sdk.as_ref().map_or_else(|| Ok(plain(&name)), |sdk| program(&name, sdk))?;
@@ -134,6 +133,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Makes controllers in Python. Installed sources have no package for Python, because Debian's Python has it already.
+fn new_python(folder: &Path, name: &str, sdk: &Sdk) -> Result<(), Failure> {
+    let package = sdk.clone.join("python");
+    if !package.is_dir() {
+        make(folder, &python(name, &PYTHON_SPEC.replace(VENV, "")))?;
+        console::say(&format!("cd {} && dca run {name}.dca", folder.display()));
+        console::note(
+            "`python3` needs the package `dca`, which Debian's `python3-dca` has; `python3 -m pytest` runs the tests",
+        );
+        return Ok(());
+    }
+    make(folder, &python(name, PYTHON_SPEC))?;
+    console::say(&format!(
+        "cd {} && python3 -m venv .venv && .venv/bin/pip install {} pytest && .venv/bin/pytest && dca run {name}.dca",
+        folder.display(),
+        package.display()
+    ));
+    console::note("the first build of the package `dca` takes some minutes");
+    Ok(())
+}
+
 /// The path of a file in the folder, and its text.
 type File = (PathBuf, String);
 
@@ -141,9 +161,9 @@ fn plain(name: &str) -> Vec<File> {
     vec![(format!("{name}.dca").into(), SPEC.to_owned())]
 }
 
-fn python(name: &str) -> Vec<File> {
+fn python(name: &str, spec: &str) -> Vec<File> {
     vec![
-        (format!("{name}.dca").into(), PYTHON_SPEC.to_owned()),
+        (format!("{name}.dca").into(), spec.to_owned()),
         ("controllers.py".into(), PYTHON.to_owned()),
         ("test_controllers.py".into(), PYTHON_TESTS.to_owned()),
         (".gitignore".into(), "/.venv\n/runs\n__pycache__\n.pytest_cache\n".to_owned()),
@@ -197,7 +217,7 @@ fn make(folder: &Path, files: &[File]) -> Result<(), Failure> {
 }
 
 impl Sdk {
-    /// Searches the given folder, or else the folder where this program was built.
+    /// Searches the given folder, or else the folders above this program and the folder where it was built.
     fn find(given: Option<&Path>) -> Result<Self, Failure> {
         if let Some(given) = given {
             let looking = || format!("looking for DCA at `{}`", given.display());
@@ -208,11 +228,12 @@ impl Sdk {
         }
         let program = std::env::current_exe().ok();
         let above_program = program.iter().flat_map(|program| program.ancestors());
-        let built = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
+        let above_program = above_program.flat_map(|above| [above.to_owned(), above.join(INSTALLED)]);
+        let built = Path::new(env!("CARGO_MANIFEST_DIR")).parent().map(Path::to_owned);
         let here = std::env::current_dir().ok();
-        let above_here = here.iter().flat_map(|here| here.ancestors());
+        let above_here = here.iter().flat_map(|here| here.ancestors().map(Path::to_owned));
         let none = || anyhow!("no clone of DCA was found near `dca`; name a clone with `--sdk=DIR` or `--python=DIR`");
-        Ok(above_program.chain(built).chain(above_here).find_map(Self::at).ok_or_else(none)?)
+        Ok(above_program.chain(built).chain(above_here).find_map(|clone| Self::at(&clone)).ok_or_else(none)?)
     }
 
     /// Returns the crate in a clone of DCA; nothing if the folder is not a clone.
@@ -260,7 +281,9 @@ mod tests {
             module GripperControl(host: Host, goal: Text) { done; }
             module RateSource(host: Host) { out Out: Beat; service; }
             module RateMonitor(host: Host) { in In: Beat; service; }";
-        for text in [SPEC, SDK_SPEC, PYTHON_SPEC] {
+        let installed = PYTHON_SPEC.replace(VENV, "");
+        assert!(!installed.contains("venv"));
+        for text in [SPEC, SDK_SPEC, PYTHON_SPEC, &installed] {
             let spec = Source::new("a.dca", text);
             assert_eq!(format(&spec), Ok(text.to_owned()));
             let compiled = compile(&spec, &[Source::new("a", interface)], &Options::named("a"));

@@ -23,7 +23,7 @@ use tokio::sync::watch;
 
 /// The agent of a host: starts programs, supervises them, and finds the other agents.
 #[derive(Debug, Parser)]
-#[command(name = "dca-node", version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(name = "dca-node", version = console::VERSION.as_str(), args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 struct Command {
     #[command(subcommand)]
     verb: Option<Verb>,

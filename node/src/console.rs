@@ -11,8 +11,8 @@ use comms::io::stack;
 use serde::Serialize;
 use std::io::{self, Write};
 use std::process::ExitCode;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{LazyLock, OnceLock};
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
@@ -20,6 +20,14 @@ use tokio::task::JoinSet;
 /// The longest line of an error, in characters. A line may contain an argument of the command, which may be very long.
 const ERROR_LINE_MAX: usize = 1000;
 
+/// The version of a program and its origin, such as `0.1.0 (commit 1a2b3c4d5e6f, x86_64, musl)`. The programs of
+/// `packaging/` give the commit to the compiler.
+pub static VERSION: LazyLock<String> = LazyLock::new(|| {
+    let commit =
+        option_env!("DCA_COMMIT").map_or_else(|| "commit unknown".to_owned(), |commit| format!("commit {commit}"));
+    let library = if cfg!(target_env = "musl") { "musl" } else { "glibc" };
+    format!("{} ({commit}, {}, {library})", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH)
+});
 /// The first reason why a result could not be written.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
 /// Set if the command was asked for JSON.

@@ -284,8 +284,8 @@ fn controllers(installed: &Installed) -> Check {
 
 fn python(interpreter: &Interpreter, own: &str) -> Check {
     let Interpreter { path, is_of_venv, version, package } = interpreter;
-    let hint = "programs with `python` in a spec need the package `dca` of this version: run `pip install` in their environment with the \
-                folder `python` of DCA";
+    let hint = "programs with `python` in a spec need the package `dca` of this version: install `python3-dca`, or run `pip install` in \
+                their environment with the folder `python` of DCA";
     let (level, finding) = match (version, package) {
         (Err(why), _) => (Level::Warning, format!("`{path}` does not start: {why}")),
         (Ok(version), Err(_)) if !is_of_venv => (Level::Ok, format!("`{path}` is Python {version}, without `dca`")),

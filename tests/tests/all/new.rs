@@ -78,6 +78,44 @@ fn a_new_program_is_a_crate_that_builds_on_its_own() {
     assert!(ran.out.contains("robot: done"), "{ran}");
 }
 
+/// An installed `dca` finds the sources beside its folder, and uses the Python package of the machine.
+#[test]
+fn an_installed_command_uses_the_installed_sources() {
+    let cluster = Cluster::new();
+    let kit = cluster.folder().join("usr/share/dca/sdk/controllers");
+    std::fs::create_dir_all(&kit).expect("a test can write in its own folder");
+    std::fs::write(kit.join("Cargo.toml"), "name = \"controllers\"\n").expect("a test can write in its own folder");
+    let dca = cluster.folder().join("usr/bin/dca");
+    std::fs::create_dir(cluster.folder().join("usr/bin")).expect("a test can write in its own folder");
+    std::fs::copy(executable("dca"), &dca).expect("the program is there");
+    for (form, file, says) in [
+        ("--sdk", "Cargo.toml", format!("controllers = {{ path = {kit:?} }}")),
+        ("--python", "two.dca", "    python \"controllers.py\";\n}".to_owned()),
+    ] {
+        let folder = cluster.folder().join(form);
+        std::fs::create_dir(&folder).expect("a test can write in its own folder");
+        let made =
+            Command::new(&dca).args(["new", form, "two"]).current_dir(&folder).output().expect("it can be executed");
+        assert!(made.status.success(), "{made:?}");
+        let text = std::fs::read_to_string(folder.join("two").join(file)).expect("it is made");
+        assert!(text.contains(&says), "{text}");
+    }
+}
+
+/// The programs of `packaging/` are valid, and refuse an unknown option before they build or write anything.
+#[test]
+fn a_program_of_packaging_refuses_an_unknown_option() {
+    let packaging = Path::new(env!("CARGO_MANIFEST_DIR")).join("../packaging");
+    for program in ["deb", "apt", "try"] {
+        let path = packaging.join(program);
+        let checked = Command::new("bash").arg("-n").arg(&path).output().expect("bash is there");
+        assert!(checked.status.success(), "{program}: {checked:?}");
+        let refused = Command::new(&path).arg("--quickly").output().expect("it can be executed");
+        let why = String::from_utf8_lossy(&refused.stderr);
+        assert!(refused.status.code() == Some(1) && why.contains("`--quickly` is no"), "{program}: {refused:?}");
+    }
+}
+
 #[test]
 fn a_wrong_path_is_refused_before_a_folder_is_made() {
     let cluster = Cluster::new();
