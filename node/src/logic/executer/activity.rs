@@ -50,6 +50,8 @@ struct Answered {
 struct Asked {
     number: u64,
     question: Question,
+    /// Whether an answer was taken, or its time is over. While the activity waits for a stop, its state may still be active.
+    is_over: bool,
 }
 
 /// The links of a supervisor with the world outside of its group.
@@ -87,12 +89,12 @@ impl Executer {
     /// does not run.
     pub fn activity(&self, plan: &Plan) -> Option<ActivityStatus> {
         let (chart, place) = (chart(plan, self.group)?, self.state.chart().filter(|_| self.run.is_on)?);
-        let question = |Asked { number, question }: &Asked| OpenQuestion {
+        let question = |Asked { number, question, .. }: &Asked| OpenQuestion {
             number: *number,
             text: question.to_string(),
             options: question.options.clone(),
         };
-        let questions = self.outside.news.open.values().map(question).collect();
+        let questions = self.outside.news.open.values().filter(|asked| !asked.is_over).map(question).collect();
         Some(ActivityStatus { states: self.states_seen().unwrap_or_default(), questions, orders: orders(chart, place) })
     }
 
@@ -122,7 +124,12 @@ impl Executer {
                         out,
                     );
                     let (number, option) = (*question, option.clone());
-                    self.outside.news.answered = Some(Answered { number, option, by });
+                    let news = &mut self.outside.news;
+                    news.answered = Some(Answered { number, option, by });
+                    news.open
+                        .values_mut()
+                        .filter(|asked| asked.number == number)
+                        .for_each(|asked| asked.is_over = true);
                 } else if let ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) = told {
                     self.tell_people(format!("gets the order of {by}: {notice}"), context, out);
                 }
@@ -159,8 +166,8 @@ impl Executer {
                 chart.notice(notice).ok_or_else(|| format!("`{path}` has no transition `on {notice}`"))
             }
             ActivityInput::Answer { question, option } => {
-                let open =
-                    self.outside.news.open.iter().find(|(_, asked)| asked.number == *question).map(|(place, _)| *place);
+                let is_meant = |asked: &Asked| asked.number == *question && !asked.is_over;
+                let open = self.outside.news.open.iter().find(|(_, asked)| is_meant(asked)).map(|(place, _)| *place);
                 let notice = open.map(|question| Notice::Answer { question, option: option.clone() });
                 let event = notice.and_then(|notice| chart.notice(&notice));
                 event.ok_or_else(|| {
@@ -272,12 +279,25 @@ impl Executer {
             self.announce(Change::Entered { states: names }, context, out);
         }
         let Some(chart) = chart(context.plan, self.group).filter(|chart| !chart.questions.is_empty()) else { return };
-        for Asked { number, question } in self.close_questions(chart) {
-            if let Some(why) = closed_by(chart, &question, event, self.program.timed_state(event)) {
-                self.tell_people(format!("closes question {number}: {why}"), context, out);
+        self.end_of_time(event, context, out);
+        for Asked { number, is_over, .. } in self.close_questions(chart) {
+            if !is_over {
+                self.tell_people(format!("closes question {number}: it is withdrawn"), context, out);
             }
         }
         self.ask_questions(chart, context, out);
+    }
+
+    /// If the event is the end of the time for a question, notes this and tells it to people.
+    fn end_of_time(&mut self, event: &Event, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Some(timed) = self.program.timed_state(event) else { return };
+        let open = self.outside.news.open.values_mut();
+        let is_meant = |asked: &&mut Asked| !asked.is_over && asked.question.state as usize == timed;
+        let Some(Asked { number, question, is_over }) = open.into_iter().find(is_meant) else { return };
+        let Some(DefaultAnswer { option, .. }) = &question.default else { return };
+        *is_over = true;
+        let text = format!("closes question {number}: no answer came in time, so it is `{option}`");
+        self.tell_people(text, context, out);
     }
 
     /// Takes note of the questions of a changed chart. A question that reads as before keeps its number.
@@ -285,12 +305,12 @@ impl Executer {
         let Some(chart) = chart(context.plan, self.group) else { return };
         let open = &mut self.outside.news.open;
         let mut gone = Vec::new();
-        for Asked { number, question } in std::mem::take(open).into_values() {
+        for Asked { number, question, is_over } in std::mem::take(open).into_values() {
             let reads_so = |(place, other): &(u32, &Question)| {
                 !open.contains_key(place) && (&other.text, &other.options) == (&question.text, &question.options)
             };
             match (0..).zip(&chart.questions).find(reads_so) {
-                Some((place, other)) => drop(open.insert(place, Asked { number, question: other.clone() })),
+                Some((place, other)) => drop(open.insert(place, Asked { number, question: other.clone(), is_over })),
                 None => gone.push(number),
             }
         }
@@ -307,10 +327,13 @@ impl Executer {
         place.into_iter().flat_map(|place| chart.open_questions(place).map(|(number, _)| number)).collect()
     }
 
-    /// Forgets the questions that are not open any more, and returns them.
+    /// Forgets the questions that are not open any more, and returns them. If a question that is over is open again, it is another
+    /// question.
     fn close_questions(&mut self, chart: &StateChart) -> Vec<Asked> {
         let open = self.open_questions(chart);
-        self.outside.news.open.extract_if(.., |place, _| !open.contains(place)).map(|(_, asked)| asked).collect()
+        let is_waiting = self.state.chart().is_some_and(Configuration::is_waiting);
+        let is_closed = |place: &u32, asked: &mut Asked| !open.contains(place) || (asked.is_over && !is_waiting);
+        self.outside.news.open.extract_if(.., is_closed).map(|(_, asked)| asked).collect()
     }
 
     /// Gives numbers to the questions without a number, and shows these questions to people.
@@ -322,7 +345,7 @@ impl Executer {
             };
             news.asked += 1;
             let number = news.asked;
-            news.open.insert(place, Asked { number, question: question.clone() });
+            news.open.insert(place, Asked { number, question: question.clone(), is_over: false });
             self.tell_people(format!("asks, as question {number}: {question}"), context, out);
         }
     }
@@ -368,18 +391,6 @@ fn says(text: &str, is_routine: bool) -> Change {
 fn chart(plan: &Plan, group: u32) -> Option<&StateChart> {
     let expression = &plan.groups.get(group as usize)?.expression;
     if let Expression::Chart(chart) = expression { Some(chart) } else { None }
-}
-
-/// Why a question is closed, if no answer did it.
-fn closed_by(chart: &StateChart, question: &Question, event: &Event, timed: Option<usize>) -> Option<String> {
-    let answered = if let Event::Notice(number) = event { chart.notices.get(*number as usize) } else { None };
-    match (&question.default, answered) {
-        (_, Some(Notice::Answer { .. })) => None,
-        (Some(DefaultAnswer { option, .. }), _) if timed == Some(question.state as usize) => {
-            Some(format!("no answer came in time, so it is `{option}`"))
-        }
-        (_, _) => Some("it is withdrawn".to_owned()),
-    }
 }
 
 /// The orders that a person may give an activity now, as `dca ctl` takes them.

@@ -310,6 +310,50 @@ fn a_question_without_an_answer_gets_its_default_or_waits() {
     assert_eq!(said(&world, call).last().map(String::as_str), Some("closes question 4: it is withdrawn"));
 }
 
+/// It asks the same question again as soon as an answer was taken, or its time is over.
+const DRILLING: &str = r#"
+activity Driller(here: Host) {
+    host { here }
+    var holes: 0..9 = 0;
+    initial state ready { on always confirm operator "Drill?" options(yes -> drilled, no -> ready) default no after 20 s; }
+    state drilled { on entry { holes += 1; log("hole " + holes); } on always when holes < 3 -> ready; on always -> done; }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { round instof Driller("c2"); }
+    internal_event_actions { round }
+}
+"#;
+
+/// A late answer is none to the question that follows at once, even if both read the same.
+#[test]
+fn a_question_that_is_asked_again_at_once_has_a_new_number() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", DRILLING);
+    let number = |world: &mut World| asked(world).0.iter().map(|(number, _)| *number).collect::<Vec<_>>();
+    let answer = |world: &mut World, question: u64, option: &str| {
+        order(world, "round", ActivityInput::Answer { question, option: option.into() })
+    };
+    wait_for(&mut world, call, "asks, as question 1: Drill? (yes, no; no after 20 s)");
+    answer(&mut world, 1, "yes").unwrap();
+    wait_for(&mut world, call, "asks, as question 2: Drill? (yes, no; no after 20 s)");
+    let refused = answer(&mut world, 1, "yes").unwrap_err();
+    assert_eq!(refused, "question 1 of `main/round` is not open: the answer `yes` of ann was taken");
+    assert_eq!(number(&mut world), [2]);
+    world.run_for(Duration::from_secs(25));
+    assert_eq!(number(&mut world), [3], "{:?}", said(&world, call));
+    assert!(said(&world, call).contains(&"closes question 2: no answer came in time, so it is `no`".to_owned()));
+    answer(&mut world, 3, "no").unwrap();
+    for question in 4..=5 {
+        assert_eq!(number(&mut world), [question]);
+        answer(&mut world, question, "yes").unwrap();
+    }
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+    let holes: Vec<String> = said(&world, call).into_iter().filter(|said| said.contains("hole")).collect();
+    assert_eq!(holes, ["says: hole 1", "says: hole 2", "says: hole 3"]);
+}
+
 /// The question is still open after the node of the activity was killed, and has the same number.
 #[test]
 fn a_node_that_is_started_again_still_waits_for_the_answer() {
