@@ -12,8 +12,7 @@ use clap_complete::ArgValueCompleter;
 use language::plan::Notice;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{
-    ActivityInput, ActivityStatus, Answer, Delivery, Deployment, OpenQuestion, ProcessStatus, Request, Taken,
-    TellRequest,
+    ActivityInput, ActivityStatus, Answer, Delivery, Deployment, ProcessStatus, Request, Taken, TellRequest,
 };
 use std::time::Duration;
 
@@ -52,11 +51,11 @@ enum Order {
 /// An answer to a question.
 #[derive(Debug, clap::Args)]
 struct GivenAnswer {
+    /// The number of the question
+    #[arg(value_name = "NUMBER", value_parser = question_number)]
+    question: u64,
     /// The answer
     option: String,
-    /// The number of the question; not needed if one question is open
-    #[arg(long, value_name = "NUMBER")]
-    question: Option<u64>,
     #[command(flatten)]
     connect: ConnectArgs,
 }
@@ -74,7 +73,8 @@ impl Order {
     fn told(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<ActivityInput> {
         Ok(match self {
             Self::Answer(answer) => {
-                ActivityInput::Answer { question: answer.question(activity)?, option: answer.option.clone() }
+                answer.check(activity)?;
+                ActivityInput::Answer { question: answer.question, option: answer.option.clone() }
             }
             Self::Message(Message { port, text, priority, .. }) => {
                 ActivityInput::Message { port: port.clone(), text: text.clone(), priority: *priority }
@@ -109,22 +109,27 @@ struct Message {
     connect: ConnectArgs,
 }
 
+/// Reads the number of a question. It is never left out: the question that is open when the command looks may be another one than
+/// the question that a person has read.
+fn question_number(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_not_a_number| "the number of the question comes first, such as `answer 1 yes`".to_owned())
+}
+
 impl GivenAnswer {
-    /// Returns the number of the question that the answer is for.
-    fn question(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<u64> {
+    /// Checks that this question is open, and has this answer.
+    fn check(&self, activity: Option<&ActivityStatus>) -> anyhow::Result<()> {
         let open = activity.map_or(&[][..], |activity| &activity.questions);
-        let is_meant = |question: &&OpenQuestion| self.question.is_none_or(|number| number == question.number);
-        let meant: Vec<&OpenQuestion> = open.iter().filter(is_meant).collect();
-        match (meant.as_slice(), self.question) {
-            ([question], _) if question.options.contains(&self.option) => Ok(question.number),
-            ([question], _) => {
-                let options = question.options.join("`, `");
-                bail!("`{}` is not an answer to question {}; the answers are `{options}`", self.option, question.number)
-            }
-            ([], Some(number)) => bail!("question {number} is not open"),
-            ([], None) => bail!("no question is open"),
-            ([..], _) => bail!("{} questions are open; choose one with `--question NUMBER`", meant.len()),
+        let Some(meant) = open.iter().find(|question| question.number == self.question) else {
+            let numbers: Vec<String> = open.iter().map(|question| question.number.to_string()).collect();
+            let hint =
+                if open.is_empty() { "no question is".to_owned() } else { format!("open is {}", numbers.join(", ")) };
+            bail!("question {} is not open; {hint}", self.question)
+        };
+        if !meant.options.contains(&self.option) {
+            let options = meant.options.join("`, `");
+            bail!("`{}` is not an answer to question {}; the answers are `{options}`", self.option, self.question)
         }
+        Ok(())
     }
 }
 
@@ -222,7 +227,8 @@ fn page(process: &ProcessStatus) -> String {
     let states = if states.is_empty() { "between two states".to_owned() } else { format!("in {}", states.join(", ")) };
     let mut lines = vec![format!("{} is {states}", process.path)];
     lines.extend(questions.iter().map(|question| format!("question {}: {}", question.number, question.text)));
-    lines.extend(questions.iter().take(1).map(|_| "  answer with `answer OPTION`".to_owned()));
+    let first = questions.first().and_then(|question| Some((question.number, question.options.first()?)));
+    lines.extend(first.map(|(number, option)| format!("  answer with `answer {number} {option}`, for example")));
     if !orders.is_empty() {
         lines.push(format!("it waits for: {}", orders.join(", ")));
     }
@@ -233,6 +239,26 @@ fn page(process: &ProcessStatus) -> String {
 mod tests {
     use super::*;
     use crate::logic::tree::tests::door_node;
+    use node::logic::protocol::OpenQuestion;
+
+    /// A person answers the question that he has read, and no other one that is open now.
+    #[test]
+    fn an_answer_is_for_one_question() {
+        let options = ["yes", "no"].map(str::to_owned).to_vec();
+        let question = OpenQuestion { number: 2, text: "Fire? (yes, no)".to_owned(), options };
+        let activity = ActivityStatus { questions: vec![question], ..ActivityStatus::default() };
+        let check = |question: u64, option: &str| {
+            let answer = GivenAnswer { question, option: option.to_owned(), connect: ConnectArgs::default() };
+            answer.check(Some(&activity)).map_err(|error| error.to_string())
+        };
+        assert_eq!(check(2, "yes"), Ok(()));
+        assert_eq!(check(1, "yes"), Err("question 1 is not open; open is 2".to_owned()));
+        assert_eq!(
+            check(2, "maybe"),
+            Err("`maybe` is not an answer to question 2; the answers are `yes`, `no`".to_owned())
+        );
+        assert!(question_number("yes").is_err_and(|why| why.contains("`answer 1 yes`")));
+    }
 
     #[test]
     fn a_slip_in_the_name_of_an_activity_is_told_with_what_was_meant() {
