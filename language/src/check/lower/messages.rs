@@ -6,7 +6,7 @@ use super::tree::Tree;
 use super::wires::{End, end};
 use crate::check::spec::{Direction, Spec};
 use crate::plan::{
-    Argument, Constant, Environment, Group, Leaf, LeafKind, LinkLoss, Member, MemberKind, PORTS, Plan, Policy, Restart,
+    Argument, Constant, Environment, Leaf, LeafKind, LinkLoss, Member, MemberKind, PORTS, Plan, Policy, Restart,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -62,8 +62,12 @@ impl Messages {
             }
             let path = format!("{}/{name}", own.path);
             own.members.push(Member { name, kind: MemberKind::Leaf(leaf), service: true });
+            // An activity whose programs continue without the home of the deployment keeps its ports as well.
+            let inside = format!("{}/", own.path);
+            let keeps = |leaf: &&Leaf| leaf.path.starts_with(&inside) && leaf.policy.link_loss == LinkLoss::Keep;
+            let link_loss = if plan.leaves.iter().any(|leaf| keeps(&leaf)) { LinkLoss::Keep } else { LinkLoss::Leave };
             let list = list(spec, process_of[group]);
-            let added = ports(path, list, own);
+            let added = ports(path, list, own.host, link_loss);
             plan.leaves.push(added);
         }
     }
@@ -83,11 +87,11 @@ fn list(spec: &Spec, process: usize) -> String {
     ports.collect::<Vec<_>>().join(";")
 }
 
-fn ports(path: String, list: String, group: &Group) -> Leaf {
+fn ports(path: String, list: String, host: u32, link_loss: LinkLoss) -> Leaf {
     Leaf {
         path,
         module: PORTS.to_owned(),
-        host: group.host,
+        host,
         arguments: vec![Argument { name: Some(LIST.to_owned()), value: Constant::Text(list) }],
         exec: None,
         parameters: Some(Vec::new()),
@@ -95,7 +99,7 @@ fn ports(path: String, list: String, group: &Group) -> Leaf {
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
         outcomes: Vec::new(),
-        policy: Policy { restart: Restart::Transient, link_loss: LinkLoss::Leave, ..Policy::default() },
+        policy: Policy { restart: Restart::Transient, link_loss, ..Policy::default() },
         keys: Vec::new(),
         external: None,
     }

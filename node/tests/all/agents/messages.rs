@@ -1,5 +1,6 @@
 //! Messages from and to activities, through the programs that have their ports.
 
+use super::losses::cut;
 use super::world::World;
 use comms::logic::control::{MessageFate, Notice, PortMessage};
 use language::plan::{PORTS, text_value};
@@ -79,6 +80,21 @@ impl Ports {
         };
         self.world.sent.iter().map(text).collect()
     }
+}
+
+/// An activity whose program continues on a robot that is cut off still hears the robot's own sensors.
+#[test]
+fn an_activity_that_continues_alone_keeps_its_ports() {
+    let mut world = World::new(&["c1", "c2"]);
+    let mission = MISSION.replace("Long(there);", "Long(there) { on_link_loss keep; }");
+    let call = world.deploy("c1", &mission);
+    world.run_for(Duration::from_secs(1));
+    let mut ports = Ports::of(world, call);
+    ports.hand("move", true);
+    cut(&mut ports.world, "c2");
+    ports.world.run_for(Duration::from_secs(30));
+    let number = ports.hand("hello", true);
+    assert_eq!(ports.fate(number), Some(MessageFate::Taken));
 }
 
 #[test]
