@@ -15,8 +15,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
-use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
-use tokio::task::JoinHandle;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::task::JoinSet;
 use tokio::time::timeout;
 use view::{MissionId, RobotId};
 
@@ -34,8 +34,9 @@ pub(super) struct Otlp {
     traces: Traces,
     /// When this command began to listen.
     began: Time,
-    waiting: UnboundedSender<Batch>,
-    sender: JoinHandle<()>,
+    waiting: Sender<Batch>,
+    /// The task that sends.
+    sender: JoinSet<()>,
     counts: Arc<Counts>,
     is_full: bool,
 }
@@ -54,9 +55,10 @@ struct Counts {
 impl Otlp {
     pub(super) fn new(collector: Collector) -> Self {
         console::say(&format!("traces go to {collector}"));
-        let (waiting, batches) = mpsc::unbounded_channel();
+        let (waiting, batches) = mpsc::channel(WAITING_MAX);
         let counts = Arc::new(Counts::default());
-        let sender = tokio::spawn(send_all(collector, batches, Arc::clone(&counts)));
+        let mut sender = JoinSet::new();
+        sender.spawn(send_all(collector, batches, Arc::clone(&counts)));
         Self { traces: Traces::default(), began: clock::now(), waiting, sender, counts, is_full: false }
     }
 
@@ -72,7 +74,7 @@ impl Otlp {
         for batch in self.traces.ended() {
             let spans = batch.spans;
             let has_room = self.counts.waiting.load(Ordering::Relaxed) + spans <= WAITING_MAX;
-            if has_room && self.waiting.send(batch).is_ok() {
+            if has_room && self.waiting.try_send(batch).is_ok() {
                 self.counts.waiting.fetch_add(spans, Ordering::Relaxed);
                 self.is_full = false;
                 continue;
@@ -88,8 +90,8 @@ impl Otlp {
     pub(super) async fn close(mut self) {
         self.send();
         drop(self.waiting);
-        if timeout(LEFT_WITHIN, &mut self.sender).await.is_err() {
-            self.sender.abort();
+        if timeout(LEFT_WITHIN, self.sender.join_next()).await.is_err() {
+            self.sender.shutdown().await;
         }
         let count = |count: &AtomicUsize| count.load(Ordering::Relaxed);
         let (taken, missing) = (count(&self.counts.taken), count(&self.counts.lost) + count(&self.counts.waiting));
@@ -98,7 +100,7 @@ impl Otlp {
 }
 
 /// Sends each batch until the collector has taken or refused it.
-async fn send_all(collector: Collector, mut batches: UnboundedReceiver<Batch>, counts: Arc<Counts>) {
+async fn send_all(collector: Collector, mut batches: Receiver<Batch>, counts: Arc<Counts>) {
     let mut is_silent = false;
     while let Some(Batch { request, spans }) = batches.recv().await {
         let refused = loop {
