@@ -95,7 +95,7 @@ impl Answer {
         let mut fields = [httparse::EMPTY_HEADER; FIELDS_MAX];
         let mut response = httparse::Response::new(&mut fields);
         let Ok(httparse::Status::Complete(size)) = response.parse(bytes) else {
-            return Self::Later("its answer is no HTTP".to_owned());
+            return Self::Later("its answer cannot be read as HTTP".to_owned());
         };
         let (code, body) = (response.code.unwrap_or_default(), &bytes[size..]);
         match code {

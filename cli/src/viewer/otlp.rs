@@ -1,7 +1,7 @@
 //! Sends the traces of missions to a collector of OpenTelemetry while the missions run.
 //!
-//! What the collector cannot take yet waits, up to a limit. A view never delays a robot, so what is beyond the limit is left out, and
-//! the count is told.
+//! Spans wait until the collector can take them, up to a limit. A view never delays a robot, so spans beyond the limit are left out,
+//! and their count is told.
 
 use crate::logic::collector::{ANSWER_MAX, Answer, Collector};
 use crate::logic::trace::live::{Batch, Traces};
@@ -44,11 +44,11 @@ pub(super) struct Otlp {
 /// Numbers of spans.
 #[derive(Debug, Default)]
 struct Counts {
-    /// Those that the collector has taken.
+    /// The collector has taken them.
     taken: AtomicUsize,
-    /// Those that it has refused, or that did not wait any more.
+    /// The collector has refused them, or could not wait for lack of room.
     lost: AtomicUsize,
-    /// Those that wait.
+    /// They wait.
     waiting: AtomicUsize,
 }
 

@@ -142,7 +142,7 @@ fn a_span_comes_when_its_process_has_ended() {
     mission.ended(SOON);
 }
 
-/// Spans wait for a collector that is not there or busy. What it refuses is told.
+/// Spans wait for a collector that is not there or busy. A refusal is told.
 #[test]
 fn spans_wait_for_the_collector() {
     let cluster = Cluster::new();

@@ -1,7 +1,7 @@
 //! Traces of missions that run, from the events of their homes.
 //!
 //! A span is given out once it has ended, and is then forgotten, so that a mission that runs for weeks needs no more memory than one of
-//! a minute. What ended before the first event that was heard live is left out.
+//! a minute. Processes that ended before the view began are left out.
 
 use super::{SpanEnd, Spans, Trace, trace_id};
 use node::logic::protocol::{Change, Event, Report};
@@ -33,7 +33,7 @@ pub(crate) struct Batch {
 }
 
 impl Traces {
-    /// Takes an event. An event `of_the_past` only tells what is active: the spans that it ends are not given out.
+    /// Takes an event. If it is `of_the_past`, the spans that it ends are not given out.
     pub(crate) fn take(&mut self, id: &MissionId, event: &Event, of_the_past: bool) {
         let at = event.time;
         if !self.missions.contains_key(id) {
@@ -86,7 +86,7 @@ impl Mission {
         }
     }
 
-    /// Ends the mission, and each process whose end was not heard.
+    /// The mission ends, and so do all processes that are still active.
     fn finish(&mut self, end: SpanEnd, at: Duration) {
         self.spans.close("", end, at);
         for place in std::mem::take(&mut self.spans.active).into_values() {
@@ -165,7 +165,7 @@ mod tests {
         assert!(traces.ended().is_empty() && traces.missions.is_empty(), "a late word begins no mission");
     }
 
-    /// A view that comes in the middle gives out what ends from then on, with its true begin.
+    /// A view that begins in the middle of a mission gives out the processes that end later, with their true begin.
     #[test]
     fn the_past_is_not_given_out() {
         let (mut traces, id) = (Traces::default(), id("c1"));
@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(names(&ended), ["dock"]);
         assert!(ended[0].request.contains("\"startTimeUnixNano\":\"1003000000000\""), "{ended:?}");
         traces.take(&id, &finished(10), true);
-        assert!(traces.missions.is_empty(), "a mission that is over is no mission");
+        assert!(traces.missions.is_empty(), "the mission is over");
     }
 
     #[test]
