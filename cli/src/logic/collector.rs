@@ -2,6 +2,7 @@
 //!
 //! Source: OpenTelemetry Protocol 1.5, OTLP/HTTP; RFC 9112 for messages.
 
+use node::logic::printable::printable;
 use serde_json::Value;
 use std::fmt;
 
@@ -122,10 +123,10 @@ fn words(code: u16, body: &[u8]) -> String {
     format!("it answers {code}: {}", shown(&String::from_utf8_lossy(body)))
 }
 
-/// Returns the begin of a text, in one line without control characters.
+/// Returns the begin of a text, in one line that is safe for a terminal.
 fn shown(text: &str) -> String {
-    let line: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(WORDS_MAX).collect();
-    line.trim().to_owned()
+    let begin: String = text.chars().take(WORDS_MAX).collect();
+    printable(&begin.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
 #[cfg(test)]

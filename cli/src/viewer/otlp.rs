@@ -44,11 +44,11 @@ pub(super) struct Otlp {
 /// Numbers of spans.
 #[derive(Debug, Default)]
 struct Counts {
-    /// The collector has taken them.
+    /// Spans that the collector has taken.
     taken: AtomicUsize,
-    /// The collector has refused them, or could not wait for lack of room.
+    /// Spans that the collector has refused, and spans beyond the limit.
     lost: AtomicUsize,
-    /// They wait.
+    /// Spans that wait.
     waiting: AtomicUsize,
 }
 
