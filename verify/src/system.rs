@@ -425,11 +425,8 @@ impl<'a> System<'a> {
 
     /// If a value has a tag, only the tag is stored in a packed state, with the tags inside it at which a `match` may look.
     fn number(&self, value: &Value) -> u8 {
-        let known = self.values.iter().position(|other| other == value).or_else(|| {
-            // The first value with this tag has nothing behind the tag.
-            self.values.iter().position(|other| value.tag().is_some() && other.tag() == value.tag())
-        });
-        known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
+        // The first value with a tag has nothing behind the tag.
+        value.place_in(self.values).and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
     }
 
     /// Returns the number of the report of a failure. All reasons that no expression distinguishes have the same number.

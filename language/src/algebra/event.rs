@@ -50,6 +50,12 @@ impl Value {
         std::str::from_utf8(tag).ok()
     }
 
+    /// Returns the place of this value among others, or else the place of the first one with its tag.
+    pub fn place_in(&self, values: &[Self]) -> Option<usize> {
+        let has_same_tag = |other: &Self| self.tag().is_some() && other.tag() == self.tag();
+        values.iter().position(|other| other == self).or_else(|| values.iter().position(has_same_tag))
+    }
+
     /// Returns the text that the bytes are, if they can be read so: a length, seven bits a byte, and the text.
     pub fn text(&self) -> Option<&str> {
         let bytes = self.bytes();

@@ -358,9 +358,7 @@ impl Packing {
 
     /// The value behind a tag is only kept if it is one of the values. The tag is always kept: a `match` may look at it later.
     fn number(&self, value: &Value) -> usize {
-        let is_same_tag = |other: &Value| value.tag().is_some() && other.tag() == value.tag();
-        let known = self.values.iter().position(|other| other == value);
-        known.or_else(|| self.values.iter().position(is_same_tag)).unwrap_or(0)
+        value.place_in(&self.values).unwrap_or(0)
     }
 
     /// The number of the report of a failure.
