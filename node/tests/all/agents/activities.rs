@@ -331,9 +331,6 @@ fn a_question_that_is_asked_again_at_once_has_a_new_number() {
     let mut world = World::new(&["c1", "c2"]);
     let call = world.deploy("c1", DRILLING);
     let number = |world: &mut World| asked(world).0.iter().map(|(number, _)| *number).collect::<Vec<_>>();
-    let answer = |world: &mut World, question: u64, option: &str| {
-        order(world, "round", ActivityInput::Answer { question, option: option.into() })
-    };
     wait_for(&mut world, call, "asks, as question 1: Drill? (yes, no; no after 20 s)");
     answer(&mut world, 1, "yes").unwrap();
     wait_for(&mut world, call, "asks, as question 2: Drill? (yes, no; no after 20 s)");
