@@ -375,6 +375,9 @@ impl Watch {
         while let Some(value) = self.values.queue.pop() {
             self.value(value);
         }
+        if watched.is_ok() {
+            self.values.missing().end();
+        }
         self.recording.count_missing(self.since_go(clock::now()));
         // If the user leaves early, the command does not wait for output.
         let outputs = std::mem::take(&mut self.outputs);

@@ -273,7 +273,7 @@ fn hear(session: &DataSession, key: &str, what: EventKind, sinks: Sinks) -> Resu
                     values.missing().lose(&wire, 1);
                 }
             }
-            Arrival::Boundary(_) => values.missing().boundary(&wire, sequence),
+            Arrival::Boundary(boundary) => values.missing().boundary(&wire, sequence, &boundary),
         }),
         EventKind::Signals(path) => session.on_sample(key, move |bytes| {
             for sample in samples(&path, &bytes, clock::now()) {

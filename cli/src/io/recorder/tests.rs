@@ -437,14 +437,14 @@ fn values_have_a_limit_of_their_own() {
 #[test]
 fn missing_values_are_counted_in_the_record() {
     let wire = |input: &str| WireName { from: "main/camera/Out".to_owned(), to: format!("main/{input}/In") };
-    let missing = |input, at, early, lost| Entry::Missing {
+    let missing = |input, at, early, lost, breaks| Entry::Missing {
         wire: wire(input),
         at: seconds(at),
-        count: MissingValues { early, lost },
+        count: MissingValues { early, lost, breaks },
     };
     let folder = Folder::new("missing");
     let recorder = Recorder::create(&folder.0, &header()).unwrap();
-    let counts = [missing("a", 1.0, 2, 0), missing("b", 1.0, 0, 1), missing("a", 2.0, 0, 650)];
+    let counts = [missing("a", 1.0, 2, 0, 0), missing("b", 1.0, 0, 1, 1), missing("a", 2.0, 0, 650, 0)];
     for entry in entries()[..1].iter().chain(&counts) {
         assert!(recorder.push(entry.clone()));
     }
@@ -455,7 +455,7 @@ fn missing_values_are_counted_in_the_record() {
         run.missing(),
         [
             "650 values of main/camera.Out to main/a.In are not in the record, and neither are the first 2: the recorder was not linked yet",
-            "1 value of main/camera.Out to main/b.In is not in the record",
+            "1 value of main/camera.Out to main/b.In is not in the record. The last ones may be missing too: the program was killed, or the link to it broke",
         ]
     );
     assert!(

@@ -3,7 +3,7 @@
 //! The numbers of the values show which of them have not arrived. Values that have arrived, but did not fit into a
 //! queue, are counted where they are dropped. The record contains the counts on `/missing`.
 
-use comms::logic::switch::{Gaps, Sequence};
+use comms::logic::switch::{Boundary, Gaps, Sequence};
 use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -27,10 +27,16 @@ pub struct MissingValues {
     pub early: u64,
     /// Later values.
     pub lost: u64,
+    /// How often the values broke off before the wire was closed. It is not known how many values followed.
+    pub breaks: u64,
 }
 
 impl MissingValues {
-    fn all(self) -> u64 {
+    const fn is_none(self) -> bool {
+        self.early == 0 && self.lost == 0 && self.breaks == 0
+    }
+
+    const fn counted(self) -> u64 {
         self.early.saturating_add(self.lost)
     }
 }
@@ -39,6 +45,7 @@ impl AddAssign for MissingValues {
     fn add_assign(&mut self, more: Self) {
         self.early = self.early.saturating_add(more.early);
         self.lost = self.lost.saturating_add(more.lost);
+        self.breaks = self.breaks.saturating_add(more.breaks);
     }
 }
 
@@ -53,12 +60,31 @@ struct WireCount {
     gaps: Gaps,
     /// The last message. A program that was started again has another publisher.
     last: Option<Sequence>,
+    /// Whether the last message was not the end mark.
+    is_open: bool,
     all: MissingValues,
     /// The part of `all` that is not in the record yet.
     pending: MissingValues,
 }
 
 impl WireCount {
+    /// Notes a message. If it is the first one of its publisher, `before` values were sent before it.
+    fn arrived(&mut self, sequence: Sequence, before: u32, lost: u32) {
+        let last = self.last.replace(sequence);
+        let is_first = last.is_none_or(|last| last.publisher != sequence.publisher);
+        if is_first {
+            self.end();
+        }
+        let early = if is_first { before.into() } else { 0 };
+        self.add(MissingValues { early, lost: lost.into(), breaks: 0 });
+    }
+
+    /// Notes that the last publisher sends nothing more.
+    fn end(&mut self) {
+        let breaks = std::mem::take(&mut self.is_open).into();
+        self.add(MissingValues { early: 0, lost: 0, breaks });
+    }
+
     fn add(&mut self, more: MissingValues) {
         self.all += more;
         self.pending += more;
@@ -68,34 +94,40 @@ impl WireCount {
 impl Missing {
     /// Notes that a value has arrived.
     pub(crate) fn value(&mut self, wire: &WireName, sequence: Option<Sequence>) {
-        self.arrived(wire, sequence, 1, Gaps::value);
+        let Some(sequence) = sequence else { return };
+        let count = self.count(wire);
+        let lost = count.gaps.value(sequence);
+        count.arrived(sequence, sequence.number.saturating_sub(1), lost);
+        count.is_open = true;
     }
 
     /// Notes that a boundary between values has arrived. It has the number of the previous value.
-    pub(crate) fn boundary(&mut self, wire: &WireName, sequence: Option<Sequence>) {
-        self.arrived(wire, sequence, 0, Gaps::boundary);
-    }
-
-    fn arrived(&mut self, wire: &WireName, sequence: Option<Sequence>, step: u32, gap: fn(&mut Gaps, Sequence) -> u32) {
+    pub(crate) fn boundary(&mut self, wire: &WireName, sequence: Option<Sequence>, boundary: &Boundary) {
         let Some(sequence) = sequence else { return };
         let count = self.count(wire);
-        let last = count.last.replace(sequence);
-        let is_first = last.is_none_or(|last| last.publisher != sequence.publisher);
-        let lost = gap(&mut count.gaps, sequence).into();
-        let early = if is_first { sequence.number.saturating_sub(step).into() } else { 0 };
-        count.add(MissingValues { early, lost });
+        let lost = count.gaps.boundary(sequence);
+        count.arrived(sequence, sequence.number, lost);
+        count.is_open = match boundary {
+            Boundary::Opened { .. } => true,
+            Boundary::Closed { .. } => false,
+        };
+    }
+
+    /// Notes that the mission is over, and so each wire is closed.
+    pub(crate) fn end(&mut self) {
+        self.wires.values_mut().for_each(WireCount::end);
     }
 
     /// Notes that values have arrived, but are not recorded.
     pub(crate) fn lose(&mut self, wire: &WireName, lost: u64) {
         if lost > 0 {
-            self.count(wire).add(MissingValues { early: 0, lost });
+            self.count(wire).add(MissingValues { lost, ..MissingValues::default() });
         }
     }
 
     /// Returns the counts that are not in the record yet.
     pub(crate) fn pending(&self) -> Vec<(WireName, MissingValues)> {
-        let pending = self.wires.iter().filter(|(_, count)| count.pending.all() > 0);
+        let pending = self.wires.iter().filter(|(_, count)| !count.pending.is_none());
         pending.map(|(wire, count)| (wire.clone(), count.pending)).collect()
     }
 
@@ -104,6 +136,7 @@ impl Missing {
         let pending = &mut self.count(wire).pending;
         pending.early = pending.early.saturating_sub(part.early);
         pending.lost = pending.lost.saturating_sub(part.lost);
+        pending.breaks = pending.breaks.saturating_sub(part.breaks);
     }
 
     /// Returns a sentence for each wire without some of its values.
@@ -127,41 +160,47 @@ impl Missing {
 
 /// Returns a sentence for each wire without some of its values: `5 values of main/a.Out to main/b.In are not in the record`.
 pub(crate) fn sentences<'a>(counts: impl Iterator<Item = (&'a WireName, MissingValues)>) -> Vec<String> {
-    let lacking: Vec<_> = counts.filter(|(_, count)| count.all() > 0).collect();
+    let lacking: Vec<_> = counts.filter(|(_, count)| !count.is_none()).collect();
     let named = lacking.iter().take(NAMED_MAX).map(|(wire, count)| sentence(wire, *count));
-    let rest = lacking.iter().skip(NAMED_MAX).fold(MissingValues::default(), |mut rest, (_, count)| {
-        rest += *count;
-        rest
+    let rest = &lacking[lacking.len().min(NAMED_MAX)..];
+    let values = rest.iter().fold(0, |all: u64, (_, count)| all.saturating_add(count.counted()));
+    let wires = counted(rest.len(), "more wire");
+    let rest = (!rest.is_empty()).then(|| match values {
+        0 => format!("the last values of {wires} may not be in the record"),
+        values => format!("{} of {wires} are not in the record", counted(values, "value")),
     });
-    let wires = counted(lacking.len().saturating_sub(NAMED_MAX), "more wire");
-    let rest = (rest.all() > 0).then(|| format!("{} of {wires} are not in the record", counted(rest.all(), "value")));
     named.chain(rest).collect()
 }
 
 fn sentence(wire: &WireName, count: MissingValues) -> String {
     let port =
         |path: &str| path.rsplit_once('/').map_or_else(|| path.to_owned(), |(path, port)| format!("{path}.{port}"));
-    let first = if count.lost > 0 { count.lost } else { count.early };
-    let are = if first == 1 { "is" } else { "are" };
-    let values = format!("of {} to {} {are} not in the record", port(&wire.from), port(&wire.to));
-    match count {
-        MissingValues { early, lost: 0 } => {
-            format!("the first {} {values}: the recorder was not linked yet", counted(early, "value"))
+    let values = format!("of {} to {}", port(&wire.from), port(&wire.to));
+    let are = |count| if count == 1 { "is" } else { "are" };
+    let broken = "the program was killed, or the link to it broke";
+    let counts = match (count.early, count.lost) {
+        (0, 0) => return format!("the last values {values} may not be in the record: {broken}"),
+        (early, 0) => {
+            let first = counted(early, "value");
+            format!("the first {first} {values} {} not in the record: the recorder was not linked yet", are(early))
         }
-        MissingValues { early: 0, lost } => format!("{} {values}", counted(lost, "value")),
-        MissingValues { early, lost } => {
-            format!(
-                "{} {values}, and neither are the first {early}: the recorder was not linked yet",
-                counted(lost, "value")
-            )
-        }
-    }
+        (0, lost) => format!("{} {values} {} not in the record", counted(lost, "value"), are(lost)),
+        (early, lost) => format!(
+            "{} {values} {} not in the record, and neither are the first {early}: the recorder was not linked yet",
+            counted(lost, "value"),
+            are(lost)
+        ),
+    };
+    if count.breaks == 0 { counts } else { format!("{counts}. The last ones may be missing too: {broken}") }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use comms::logic::random::Random;
+
+    const OPENED: Boundary = Boundary::Opened { generation: 0, after: Vec::new() };
+    const CLOSED: Boundary = Boundary::Closed { generation: 0, sent: 0 };
 
     fn wire(from: &str) -> WireName {
         WireName { from: format!("main/{from}/Out"), to: "main/b/In".to_owned() }
@@ -195,7 +234,7 @@ mod tests {
                         }
                     }
                     if random.below(5) == 0 {
-                        missing.boundary(&wire, of(publisher, number));
+                        missing.boundary(&wire, of(publisher, number), &OPENED);
                     }
                     if random.below(9) == 0 {
                         for (name, part) in missing.pending() {
@@ -205,10 +244,11 @@ mod tests {
                     }
                 }
                 // The last message before the program ends, or is started again.
-                missing.boundary(&wire, of(publisher, number));
+                missing.boundary(&wire, of(publisher, number), &CLOSED);
             }
+            missing.end();
             let all = missing.wires.get(&wire).map_or(MissingValues::default(), |count| count.all);
-            assert_eq!(kept + all.all(), sent, "seed {seed}");
+            assert_eq!((kept + all.counted(), all.breaks), (sent, 0), "seed {seed}");
             missing.pending().into_iter().for_each(|(_, part)| written += part);
             assert_eq!(written, all, "seed {seed}");
         }
@@ -222,7 +262,7 @@ mod tests {
         missing.value(&wire("c"), of(1, 83));
         missing.value(&wire("d"), of(1, 3));
         missing.value(&wire("e"), of(1, 1));
-        missing.boundary(&wire("e"), of(1, 650));
+        missing.boundary(&wire("e"), of(1, 650), &CLOSED);
         // Without numbers nothing is known.
         missing.value(&wire("f"), None);
         assert_eq!(
@@ -236,5 +276,30 @@ mod tests {
         (0..9).for_each(|number| missing.lose(&wire(&format!("x{number}")), 2));
         let sentences = missing.sentences();
         assert_eq!((sentences.len(), sentences[6].as_str()), (7, "12 values of 6 more wires are not in the record"));
+    }
+
+    #[test]
+    fn a_wire_without_its_end_mark_is_told() {
+        let mut missing = Missing::default();
+        for (from, last) in [("a", CLOSED), ("b", OPENED)] {
+            missing.boundary(&wire(from), of(1, 0), &OPENED);
+            missing.value(&wire(from), of(1, 1));
+            missing.boundary(&wire(from), of(1, 1), &last);
+        }
+        // The program was killed, started again, and killed again.
+        missing.value(&wire("c"), of(1, 1));
+        missing.value(&wire("c"), of(2, 3));
+        assert_eq!(missing.sentences().len(), 1, "only the wire to the killed program is known to lack values");
+        missing.end();
+        missing.end();
+        assert_eq!(
+            missing.sentences(),
+            [
+                "the last values of main/b.Out to main/b.In may not be in the record: the program was killed, or the link to it broke",
+                "the first 2 values of main/c.Out to main/b.In are not in the record: the recorder was not linked yet. The last ones may be missing too: the program was killed, or the link to it broke",
+            ]
+        );
+        let breaks: Vec<_> = missing.pending().into_iter().map(|(_, count)| count.breaks).collect();
+        assert_eq!(breaks, [1, 2]);
     }
 }

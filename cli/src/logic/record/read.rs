@@ -126,6 +126,7 @@ struct MissingCount {
     input: String,
     early: u64,
     lost: u64,
+    breaks: u64,
 }
 
 impl RecordReader<'_> {
@@ -291,8 +292,8 @@ impl Channel {
             return Ok(Some(Entry::Output { path: name, at, text: message }));
         }
         if self.topic == MISSING {
-            let MissingCount { output, input, early, lost } = parse(data)?;
-            let (wire, count) = (WireName { from: output, to: input }, MissingValues { early, lost });
+            let MissingCount { output, input, early, lost, breaks } = parse(data)?;
+            let (wire, count) = (WireName { from: output, to: input }, MissingValues { early, lost, breaks });
             return Ok(Some(Entry::Missing { wire, at, count }));
         }
         if !self.topic.starts_with(SIGNALS) {

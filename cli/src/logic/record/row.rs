@@ -175,10 +175,10 @@ impl Rows {
                 });
                 Row { topic, at, data: json(&log) }
             }
-            Entry::Missing { wire: WireName { from, to }, at, count: MissingValues { early, lost } } => {
+            Entry::Missing { wire: WireName { from, to }, at, count: MissingValues { early, lost, breaks } } => {
                 let at = self.since_1970(*at, arrived);
                 let topic = self.single(MISSING, "dca.Missing", schema::missing);
-                let missing = json!({ "output": from, "input": to, "early": early, "lost": lost });
+                let missing = json!({ "output": from, "input": to, "early": early, "lost": lost, "breaks": breaks });
                 Row { topic, at, data: json(&missing) }
             }
         }

@@ -77,6 +77,11 @@ pub(super) fn missing() -> Value {
             ("input", "string", "the path of the input at the other end of the wire"),
             ("early", "integer", "the number of values before the recorder was linked to the program"),
             ("lost", "integer", "the number of later values that are not in the record, since the previous count"),
+            (
+                "breaks",
+                "integer",
+                "how often the values broke off before the wire was closed, since the previous count",
+            ),
         ],
     )
 }
