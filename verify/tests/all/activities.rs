@@ -55,7 +55,7 @@ fn explored(plan: &language::plan::Plan, sites: &Sites) -> Report {
 }
 
 /// The mistake, its code, an activity with the mistake, and one without it.
-const MISTAKES: [(&str, &str, &str, &str); 17] = [
+const MISTAKES: [(&str, &str, &str, &str); 18] = [
     (
         "nothing leads out of the pause",
         "E0811",
@@ -140,6 +140,12 @@ const MISTAKES: [(&str, &str, &str, &str); 17] = [
         "W0905",
         "initial state s { run look; on done -> done; on done(missing) -> t; } state t { run walk; on done -> done; }",
         "initial state s { run look; on done(missing) -> t; on done -> done; } state t { run walk; on done -> done; }",
+    ),
+    (
+        "a tick is taken twice",
+        "W0908",
+        "initial state s { run look; on done -> done; on every 1 s { tries = 1; } on every 1 s { tries = 2; } }",
+        "initial state s { run look; on done -> done; on every 1 s { tries = 1; } on every 2 s { tries = 2; } }",
     ),
     (
         "nothing leads to a state",

@@ -1,7 +1,7 @@
 //! Remarks on an activity as a whole: transitions that are never taken, states that are never entered.
 
 use super::ActivityReader;
-use crate::automaton::{StateKind, Target, Trigger};
+use crate::automaton::{StateKind, Target, Transition, Trigger};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::ast::Node;
 use std::collections::BTreeSet;
@@ -13,6 +13,8 @@ impl ActivityReader<'_, '_> {
             return;
         }
         let mut found = self.hidden();
+        found.extend(self.never_completed());
+        found.extend(self.ticked_twice());
         for (name, is_raised) in &self.heard.signals {
             if !is_raised {
                 let message = format!("no action raises the signal `{}`", name.text);
@@ -43,6 +45,33 @@ impl ActivityReader<'_, '_> {
                 let diagnostic = Diagnostic::new(Code::W0905, self.places[number].span, message);
                 found.push(diagnostic.reason(self.places[earlier].span, "taken instead"));
             }
+        }
+        found
+    }
+
+    /// Finds transitions that wait for the completion of the activity. It has ended then.
+    fn never_completed(&self) -> Vec<Diagnostic> {
+        let transitions = self.chart.transitions.iter().zip(&self.places);
+        let never =
+            transitions.filter(|(transition, _)| transition.source == 0 && transition.trigger == Trigger::Complete);
+        let message = "this transition is never taken, because the activity ends once its states are complete";
+        never.map(|(_, place)| Diagnostic::new(Code::W0905, place.span, message)).collect()
+    }
+
+    /// Finds pairs of `every` with one time that look like a choice. The first one does not leave its state, so the second one is taken too.
+    fn ticked_twice(&self) -> Vec<Diagnostic> {
+        let mut found = Vec::new();
+        for (number, transition) in self.chart.transitions.iter().enumerate() {
+            let is_before = |earlier: &Transition| {
+                let is_alike = earlier.source == transition.source && earlier.trigger == transition.trigger;
+                is_alike && earlier.target == Target::Stay && transition.guard.is_none()
+            };
+            let Trigger::Every(_) = transition.trigger else { continue };
+            let Some(earlier) = self.chart.transitions[..number].iter().position(is_before) else { continue };
+            let message = "this transition is also taken at each tick at which the earlier one is taken";
+            let diagnostic = Diagnostic::new(Code::W0908, self.places[number].span, message);
+            let diagnostic = diagnostic.reason(self.places[earlier].span, "taken before it");
+            found.push(diagnostic.help("write one transition, or give this one a condition"));
         }
         found
     }
