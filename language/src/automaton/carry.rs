@@ -37,7 +37,7 @@ pub(crate) fn carry(old: &Automaton, place: &Configuration, new: &Automaton) -> 
     let change = Change { old, place, new, states: mapped(old, new) };
     let mut next = Configuration::new(new);
     change.states(&mut next)?;
-    change.memories(&mut next);
+    change.memories(&mut next)?;
     change.variables(&mut next)?;
     next.slots.clone_from(&place.slots);
     next.slots.resize(new.chart().slots, Value::EMPTY);
@@ -105,8 +105,8 @@ impl Change<'_> {
         }
     }
 
-    /// Moves the numbers of runs, and the memories of histories and suspended states.
-    fn memories(&self, next: &mut Configuration) {
+    /// Moves the numbers of runs, and the memories of histories and suspended states. A history forgets states that are gone.
+    fn memories(&self, next: &mut Configuration) -> Result<(), &'static str> {
         for (state, there) in self.states.iter().enumerate() {
             let Some(there) = *there else { continue };
             next.runs[there] = self.place.runs[state];
@@ -114,8 +114,13 @@ impl Change<'_> {
             let around = self.new.inside(self.new.parent(there).unwrap_or(0));
             let memory: Option<Vec<usize>> = memory.collect();
             let memory = memory.filter(|memory| memory.iter().all(|inner| around.contains(inner)));
+            let is_suspended = *self.old.kind(state) == StateKind::Suspended && self.place.active[state];
+            if is_suspended && memory.is_none() {
+                return Err("a state to which the suspended activity returns does not exist any more");
+            }
             next.memories[there] = memory.unwrap_or_default();
         }
+        Ok(())
     }
 
     fn variables(&self, next: &mut Configuration) -> Result<(), &'static str> {

@@ -117,6 +117,19 @@ fn a_change_that_takes_the_state_away_says_so() {
     assert_eq!(why(&idle, &[]), "a state that the activity is in runs nothing any more");
 }
 
+/// A suspended activity that could not return to its states would begin again without a word.
+#[test]
+fn a_suspended_activity_keeps_the_states_to_which_it_returns() {
+    let old = "
+        initial state out { run look; on done -> paused; }
+        state home { run walk; on done -> done; }
+        suspended state paused { on message orders -> resume; }";
+    let why = |new: &str| changed(old, &[0], new).map(|_| ()).map_err(|misfit| misfit.why);
+    assert_eq!(why(&old.replace("home", "house")), Ok(()));
+    let gone = "a state to which the suspended activity returns does not exist any more";
+    assert_eq!(why(&old.replace("state out", "state away")), Err(gone));
+}
+
 #[test]
 fn values_with_names_are_kept_by_their_names() {
     let with = |variable: &str| {
