@@ -39,7 +39,7 @@ use crate::logic::effect::{Effect, Out, ProcessId, earliest};
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Containment, Deployment, Earlier, Estop, Message, Network, NodeStatus, ToCoordinator, Why,
+    Absent, Containment, Deployment, DeploymentStatus, Earlier, Estop, Message, Network, NodeStatus, ToCoordinator, Why,
 };
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
@@ -367,13 +367,20 @@ impl Agent {
                 .filter(|host| !self.peers.names.reaches(host))
                 .map(str::to_owned)
                 .collect(),
-            deployments: self.participants.values().map(Participant::status).collect(),
+            deployments: self.deployments().collect(),
             // The driver knows.
             containment: Containment::default(),
             network: Network::default(),
             estop: self.stopped.by().cloned(),
             policy: None,
         }
+    }
+
+    /// Returns the deployments that run here, and those whose home is here and whose end other hosts still have to confirm.
+    fn deployments(&self) -> impl Iterator<Item = DeploymentStatus> {
+        let homes = self.coordinators.iter().filter(|(deployment, _)| !self.participants.contains_key(*deployment));
+        let homes = homes.map(|(_, home)| home.status(&self.identity.host));
+        self.participants.values().map(Participant::status).chain(homes)
     }
 
     /// Returns the state of hosts that do not answer.

@@ -29,8 +29,9 @@ pub use mission::Requested;
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::{Audience, History};
 use crate::logic::protocol::{
-    Answer, ChangeRequest, Delivery, Deployment, Ending, Failure, FailureCause, Kept, LeafFacts, Report, Revision,
-    Signed, StartMode, SwitchRequest, Target, TellRequest, ToCoordinator, ToParticipant, Why, unreached,
+    Answer, ChangeRequest, Delivery, Deployment, DeploymentStatus, Ending, Failure, FailureCause, Kept, LeafFacts,
+    Report, Revision, Signed, StartMode, SwitchRequest, Target, TellRequest, ToCoordinator, ToParticipant, Why,
+    unreached,
 };
 use crate::logic::wiring::Registrations;
 use change::Changes;
@@ -236,6 +237,24 @@ impl Coordinator {
     /// Returns the hosts that take part and can be reached.
     pub fn taking_part(&self) -> impl Iterator<Item = &String> {
         self.mission.hosts.iter().filter(|(_, part)| part.is_active()).map(|(host, _)| host)
+    }
+
+    /// Returns its state on the home after the processes there have ended.
+    pub fn status(&self, home: &str) -> DeploymentStatus {
+        let phase = match self.phase {
+            Phase::Starting(_) => "preparing",
+            Phase::Running => "running",
+            Phase::Ending(_) | Phase::Over(_) => "ending",
+        };
+        DeploymentStatus {
+            deployment: self.mission.deployment.clone(),
+            home: home.to_owned(),
+            phase: phase.to_owned(),
+            processes: Vec::new(),
+            lost: Vec::new(),
+            refused: Vec::new(),
+            undelivered: Vec::new(),
+        }
     }
 
     /// Returns the name of the user who deployed it.

@@ -103,6 +103,27 @@ fn a_host_that_has_lost_its_home_ends_its_part() {
     assert!(!hosts_alive(&world).contains("c2"), "{:?}", world.alive);
 }
 
+/// The home knows the deployment until each host has confirmed the end or is lost, so a person can see and stop it.
+#[test]
+fn the_home_tells_of_an_end_that_a_host_has_not_confirmed() {
+    let mut world = World::new(&["c1", "c2", "c3", "c4"]);
+    let call = world.deploy("c1", FOUR);
+    world.run_for(Duration::from_millis(500));
+    cut(&mut world, "c2");
+    stop_all(&mut world, "c1");
+    let mut ending = 0;
+    for _ in 0..100 {
+        let is_over = matches!(world.answers[&call].last(), Some(Answer::Report(Report::Finished { .. })));
+        let asked = world.ask("c1", Request::Status);
+        world.run_for(Duration::from_millis(1));
+        let [Answer::Status(status)] = &world.answers[&asked][..] else { panic!("{:?}", world.answers[&asked]) };
+        assert_eq!(status.deployments.is_empty(), is_over, "{status:?}");
+        ending += usize::from(!is_over && status.deployments[0].processes.is_empty());
+        world.run_for(Duration::from_millis(100));
+    }
+    assert!(ending > 10, "the home has waited {ending} times for the host that is cut off");
+}
+
 /// A program that cannot be ended is named; a second command finds it still there.
 #[test]
 fn what_could_not_be_ended_is_named() {
