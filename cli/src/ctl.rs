@@ -1,7 +1,7 @@
 //! `dca ctl`: shows the questions and states of a running activity, and gives it the orders of a user.
 
 use crate::ConnectArgs;
-use crate::client::{Client, Clients, unasked};
+use crate::client::{Client, Clients, Statuses, unasked};
 use crate::complete;
 use crate::io::user;
 use crate::logic::process_name::{DeploymentName, ProcessName};
@@ -150,7 +150,10 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
     let processes = statuses.iter().flat_map(|(_, all)| &all.nodes).flat_map(|node| &node.deployments);
     let processes = processes.filter(|part| arguments.name.is(&part.deployment)).flat_map(|part| &part.processes);
     let shown: Vec<ProcessStatus> = processes.filter(|process| process.activity.is_some()).cloned().collect();
-    let Located { client, deployment, home } = locate(statuses, &arguments.name).await?;
+    let Located { client, deployment, home } = match alone(&statuses, arguments) {
+        Some(located) => located,
+        None => locate(statuses, &arguments.name).await?,
+    };
     let activity = &arguments.activity;
     if activity.deployment().is_some_and(|named| !named.is(&deployment)) {
         return Err(Failure::Usage(anyhow!("`{activity}` is not a process of `{deployment}`")));
@@ -180,6 +183,24 @@ async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
             order.name()
         ))),
     }
+}
+
+/// Finds the host of an activity whose home does not answer. The activity goes on alone, and its host gives it the order.
+fn alone<'a>(all: &[(&'a Client, Statuses)], arguments: &Arguments) -> Option<Located<'a>> {
+    let mut found = Vec::new();
+    for (client, Statuses { nodes, .. }) in all {
+        let parts = nodes.iter().flat_map(|node| node.deployments.iter().map(move |part| (&node.host, part)));
+        for (host, part) in parts.filter(|(_, part)| arguments.name.is(&part.deployment)) {
+            let is_away = nodes.iter().all(|node| node.host != part.home);
+            let is_meant = |one: &ProcessStatus| {
+                one.activity.is_some() && arguments.activity.is_process(&part.deployment, &one.path)
+            };
+            if is_away && part.processes.iter().any(is_meant) {
+                found.push(Located { client, deployment: part.deployment.clone(), home: host.clone() });
+            }
+        }
+    }
+    if found.len() == 1 { found.pop() } else { None }
 }
 
 /// Says that a name means no running activity of a deployment, or several.

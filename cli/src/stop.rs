@@ -184,7 +184,7 @@ pub(crate) struct Located<'a> {
     /// The connection to its nodes.
     pub(crate) client: &'a Client,
     pub(crate) deployment: Deployment,
-    /// The node where its `main` runs.
+    /// The node that takes orders: where its `main` runs.
     pub(crate) home: String,
 }
 

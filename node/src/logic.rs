@@ -13,6 +13,7 @@ pub mod gate;
 pub mod history;
 pub mod instance;
 pub mod link;
+mod meant;
 pub mod nameserver;
 pub mod node_state;
 pub mod output_lines;

@@ -35,10 +35,11 @@ use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{Counted, ExecContext, Executer, MemberRef, Sending, Taking, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
+use crate::logic::meant::{MeantActivity, meant};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    AbsentProcess, ActivityInput, Change, Deployment, DeploymentStatus, Ending, InstanceParameters, Names,
-    ProcessStatus, Target, ToCoordinator, ToParticipant,
+    AbsentProcess, ActivityInput, Change, Delivery, Deployment, DeploymentStatus, Ending, InstanceParameters, Names,
+    ProcessStatus, Taken, Target, TellRequest, ToCoordinator, ToParticipant,
 };
 pub(in crate::logic) use activation::gone;
 use activation::{Activation, Activations};
@@ -319,6 +320,24 @@ impl Participant {
         self.links.expect(&self.site, &self.processes, expected, from, out);
     }
 
+    /// Gives an order of a person to an activity whose supervisor is on this host, while the home is away.
+    pub fn tell_alone(&mut self, request: &TellRequest, out: &mut Out<'_>) -> Delivery {
+        let MeantActivity { group, path, host } = match meant(&self.site.plan, request) {
+            Ok(meant) => meant,
+            Err(why) => return Delivery::Refused(why),
+        };
+        if host != self.site.host {
+            return Delivery::Unconfirmed(format!(
+                "`{path}` is on `{host}`, and the home of `{}` is away",
+                request.name
+            ));
+        }
+        match self.give(group, &request.order, Some(&request.by), out) {
+            Ok(taken) => Delivery::Taken { path, taken },
+            Err(why) => Delivery::Refused(why),
+        }
+    }
+
     /// Gives an order to an activity. If a user waits, the home gets the answer.
     fn tell_activity(
         &mut self,
@@ -329,12 +348,7 @@ impl Participant {
         out: &mut Out<'_>,
     ) {
         let first = out.messages.len();
-        let mut answer = Err("its supervisor is not here".to_owned());
-        self.with_executer(group, out, |executer, at, out| {
-            let Taking { ending, taken } = executer.tell_by(told, by, at, out);
-            answer = taken;
-            ending
-        });
+        let answer = self.give(group, told, by, out);
         if let Some(call) = call {
             self.site.tell_home(ToCoordinator::Answered { call, taken: answer }, out);
             // The deployment may end by the order, and the answer comes before that.
@@ -342,6 +356,17 @@ impl Participant {
                 consequences.rotate_right(1);
             }
         }
+    }
+
+    /// Gives an order to an activity, and returns how it has reacted.
+    fn give(&mut self, group: u32, told: &ActivityInput, by: Option<&str>, out: &mut Out<'_>) -> Result<Taken, String> {
+        let mut answer = Err("its supervisor is not here".to_owned());
+        self.with_executer(group, out, |executer, at, out| {
+            let Taking { ending, taken } = executer.tell_by(told, by, at, out);
+            answer = taken;
+            ending
+        });
+        answer
     }
 
     /// Hands a message to the activity whose ports a program has, and reports its fate to the program.

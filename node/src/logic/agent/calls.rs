@@ -145,15 +145,21 @@ impl Agent {
         }
     }
 
-    /// Has the home of a deployment give an order to an activity.
+    /// Has the home of a deployment give an order to an activity. While the home is away, an activity on this host takes the
+    /// order itself.
     fn tell(&mut self, call: u64, request: &TellRequest, out: &mut Out<'_>) {
-        match self.home_of(&request.name) {
-            Some(home) => home.tell(call, request, out),
-            None => {
-                let why = format!("`{}` does not run here", request.name);
-                out.answer_last(call, Answer::Delivered(Delivery::Refused(why)));
-            }
+        if let Some(home) = self.home_of(&request.name) {
+            return home.tell(call, request, out);
         }
+        let mut parts = self.participants.iter_mut().filter(|(deployment, _)| deployment.name == request.name);
+        let delivery = match parts.next() {
+            Some((_, part)) if self.peers.is_away(part.home()) => part.tell_alone(request, out),
+            Some((_, part)) => {
+                Delivery::Refused(format!("`{}`, the home of `{}`, gives orders", part.home(), request.name))
+            }
+            None => Delivery::Refused(format!("`{}` does not run here", request.name)),
+        };
+        out.answer_last(call, Answer::Delivered(delivery));
     }
 
     /// Returns the names that were given out here, including those still held by programs that could not be ended.

@@ -2,16 +2,13 @@
 
 use super::mission::Mission;
 use crate::logic::effect::Out;
-use crate::logic::executer::group_host;
-use crate::logic::protocol::{ActivityInput, Answer, Delivery, Taken, TellRequest, ToParticipant};
+use crate::logic::meant::{MeantActivity, meant};
+use crate::logic::protocol::{Answer, Delivery, Taken, TellRequest, ToParticipant};
 use comms::logic::time::Time;
-use language::plan::{Expression, Notice, Plan, StateChart};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// The longest text of a message, in bytes.
-const TEXT_MAX: usize = 4096;
 /// How long a supervisor has to confirm an order. The user waits longer than this.
 const CONFIRM_WITHIN: Duration = Duration::from_secs(3);
 /// How many calls may wait at one time.
@@ -44,9 +41,7 @@ impl Orders {
         if self.0.len() >= CALLS_MAX {
             return Err(Delivery::Refused(format!("{CALLS_MAX} orders already wait for an answer; try again later")));
         }
-        let (group, path, chart) = activity(&mission.plan, &request.process).map_err(Delivery::Refused)?;
-        check(chart, &path, &request.order).map_err(Delivery::Refused)?;
-        let host = group_host(&mission.plan, group).unwrap_or_default().to_owned();
+        let MeantActivity { group, path, host } = meant(&mission.plan, request).map_err(Delivery::Refused)?;
         if mission.is_lost(&host) {
             return Err(Delivery::Unconfirmed(format!("host `{host}`, which runs `{path}`, is lost")));
         }
@@ -92,53 +87,6 @@ impl Orders {
     pub(super) fn abandon(&mut self, name: &str, out: &mut Out<'_>) {
         for (call, _) in std::mem::take(&mut self.0) {
             out.answer_last(call, Answer::Delivered(Delivery::Refused(format!("`{name}` ends"))));
-        }
-    }
-}
-
-/// Checks whether an activity takes an order of a person.
-fn check(chart: &StateChart, path: &str, order: &ActivityInput) -> Result<(), String> {
-    match order {
-        ActivityInput::Message { text, .. } if text.len() > TEXT_MAX => {
-            Err(format!("a message has at most {TEXT_MAX} bytes"))
-        }
-        ActivityInput::Message { port, .. } if !chart.inputs.contains(port) => Err(match chart.inputs.as_slice() {
-            [] => format!("`{path}` has no input ports"),
-            inputs => format!("`{path}` has no input port `{port}`; it has `{}`", inputs.join("`, `")),
-        }),
-        ActivityInput::Notice(notice @ (Notice::Suspend | Notice::Resume)) if chart.notice(notice).is_none() => {
-            Err(format!("`{path}` has no transition `on {notice}`"))
-        }
-        ActivityInput::Answer { option, .. }
-            if chart.questions.iter().all(|question| !question.options.contains(option)) =>
-        {
-            Err(format!("no question of `{path}` has the answer `{option}`"))
-        }
-        ActivityInput::Message { .. }
-        | ActivityInput::Answer { .. }
-        | ActivityInput::Notice(Notice::Suspend | Notice::Resume) => Ok(()),
-        ActivityInput::Notice(notice) => Err(format!("people cannot tell an activity of `{notice}`")),
-    }
-}
-
-/// Finds the only activity whose absolute path is `process`, or ends with `process`.
-fn activity<'p>(plan: &'p Plan, process: &str) -> Result<(u32, String, &'p StateChart), String> {
-    let live = plan.live_groups();
-    let end = format!("/{process}");
-    let mut found = Vec::new();
-    for (number, group) in (0_u32..).zip(&plan.groups).filter(|(number, _)| live.contains(number)) {
-        if let Expression::Chart(chart) = &group.expression
-            && (group.path == process || group.path.ends_with(&end))
-        {
-            found.push((number, group.path.clone(), &**chart));
-        }
-    }
-    match found.as_slice() {
-        [_] => found.pop().ok_or_else(String::new),
-        [] => Err(format!("`{}` has no activity `{process}`", plan.name)),
-        [..] => {
-            let paths: Vec<&str> = found.iter().take(4).map(|(_, path, _)| path.as_str()).collect();
-            Err(format!("several activities end in `{process}`: {}; give more of the path", paths.join(", ")))
         }
     }
 }

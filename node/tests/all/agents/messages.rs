@@ -5,7 +5,7 @@ use super::world::World;
 use comms::logic::control::{MessageFate, Notice, PortMessage};
 use language::plan::{PORTS, text_value};
 use node::logic::effect::ProcessId;
-use node::logic::protocol::{Answer, Change, Ending, Report};
+use node::logic::protocol::{ActivityInput, Answer, Change, Delivery, Ending, Report, Request, Taken, TellRequest};
 use shim::protocol::ShimReport;
 use std::time::Duration;
 
@@ -95,6 +95,32 @@ fn an_activity_that_continues_alone_keeps_its_ports() {
     ports.world.run_for(Duration::from_secs(30));
     let number = ports.hand("hello", true);
     assert_eq!(ports.fate(number), Some(MessageFate::Taken));
+}
+
+/// While the home is away, the host of an activity gives it the orders of the person beside the robot.
+#[test]
+fn an_activity_that_continues_alone_takes_orders_on_its_host() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", &MISSION.replace("Long(there);", "Long(there) { on_link_loss keep; }"));
+    world.run_for(Duration::from_secs(1));
+    let taken = Delivery::Taken { path: "main/echo".into(), taken: Taken::Reacted };
+    let why = Delivery::Refused("`c1`, the home of `test`, gives orders".into());
+    assert_eq!(tell(&mut world, "c2", "echo", "hello"), why);
+    assert_eq!(tell(&mut world, "c1", "echo", "move"), taken);
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(tell(&mut world, "c2", "echo", "hello"), taken);
+    assert_eq!(tell(&mut world, "c2", "other", "hello"), Delivery::Refused("`test` has no activity `other`".into()));
+}
+
+/// Gives a message to an activity as a person on a host does.
+fn tell(world: &mut World, host: &str, process: &str, text: &str) -> Delivery {
+    let order = ActivityInput::Message { port: "orders".into(), text: text.into(), priority: 0 };
+    let request = TellRequest { name: "test".into(), process: process.into(), order, by: "ann".into() };
+    let call = world.ask(host, Request::Tell(Box::new(request)));
+    world.run_for(Duration::from_millis(100));
+    let [Answer::Delivered(delivery)] = &world.answers[&call][..] else { panic!("{:?}", world.answers[&call]) };
+    delivery.clone()
 }
 
 #[test]
