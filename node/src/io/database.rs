@@ -306,6 +306,7 @@ impl Worker {
                 return self.fail(&error, durable, rest);
             }
             self.arrivals.synced(clock::now().since(began));
+            self.machine.written();
             if std::mem::take(&mut self.failures) > 1 {
                 tracing::info!("the store of the database can be written again");
             }

@@ -301,9 +301,16 @@ impl Database {
     /// The store was opened again, with this content.
     pub fn reopen(&mut self, replica: Replica) {
         self.replica = replica;
-        // The earlier failures of the disk are over; only the present ones are listed.
-        self.alarms.forget(&self.disk.reopen());
+        self.disk.reopen();
         self.replaced();
+    }
+
+    /// The disk has written a turn: its earlier failures are over, and only the present ones are listed.
+    pub fn written(&mut self) {
+        let over = self.disk.written();
+        if !over.is_empty() {
+            self.alarms.forget(&over);
+        }
     }
 
     /// The state was replaced: everything derived from the previous state is dropped.

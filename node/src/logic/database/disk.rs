@@ -39,9 +39,13 @@ impl Disk {
         rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect()
     }
 
-    /// Takes note that the disk writes again. Returns the failures that are over.
-    pub(super) fn reopen(&mut self) -> BTreeSet<String> {
+    /// Takes note that the store was opened again. Whether the disk has room shows with the next write.
+    pub(super) fn reopen(&mut self) {
         (self.closed, self.durable) = (None, None);
+    }
+
+    /// Takes note that the disk has written a turn. Returns the failures that are over.
+    pub(super) fn written(&mut self) -> BTreeSet<String> {
         std::mem::take(&mut self.failures)
     }
 

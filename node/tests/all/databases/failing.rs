@@ -33,8 +33,9 @@ fn a_disk_that_fails_stops_writes_and_nothing_else() {
     assert!(world.status(0).store.closed.is_some() && !world.status(0).alarms.is_empty());
     world.reopen(0);
     let status = world.status(0);
-    assert_eq!((status.store.closed, status.alarms), (None, vec![]), "there is room again");
+    assert_eq!((status.store.closed, status.alarms.len()), (None, 1), "whether there is room again is not known yet");
     world.run(Duration::from_secs(12));
+    assert!(world.status(0).alarms.is_empty(), "there is room again");
     assert_eq!(world.read(0, "team/other"), [Datum::from(1)]);
     world.write(0, "team/new", 2);
 }

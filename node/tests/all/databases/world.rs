@@ -224,7 +224,10 @@ impl World {
     pub(super) fn carry_out(&mut self, number: usize, effect: Effect) {
         let here = &mut self.robots[number];
         match effect {
-            Effect::Persist(batch) => batch.apply(&mut here.disk),
+            Effect::Persist(batch) => {
+                batch.apply(&mut here.disk);
+                here.machine.written();
+            }
             Effect::Address(address) => here.address = address,
             Effect::AnswerCaller(call, reply) => here.replies.entry(call).or_default().push(reply),
             Effect::End(call) => drop(here.ended.insert(call)),
