@@ -82,5 +82,7 @@ fn values_that_a_cut_link_does_not_deliver_are_counted_once() {
     let missing = lines(cluster, "heart").len() as u64 - last;
     // Beats that were sent before the producer noticed the cut may have been on their way.
     assert!((20..=missing).contains(&counted), "{counted} counted of {missing}: {ended}");
+    let log = here.ask(&["logs", "heart"]);
+    assert!(log.out.contains("values were not delivered: the consumer was not connected"), "{log}");
     hosts.end();
 }
