@@ -212,6 +212,7 @@ pub fn owned_sets(group: &Group, slot: u32) -> Vec<(u32, &str)> {
 }
 
 /// A controller module or a plain program.
+// Wide: its fields are the statements of the instance and of its `module` block.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Leaf {
     /// Absolute path of the instance: `main/dooropensyst/hit/force`.

@@ -105,25 +105,39 @@ pub struct Simulation<'a> {
     plan: &'a Plan,
     programs: Vec<Program>,
     states: Vec<State>,
-    now: Duration,
+    clock: Clock,
     /// The leaves that run.
     leaves: BTreeMap<u32, ActivationRef>,
     /// For each running group below `main`, the activation that waits for its end.
     seats: BTreeMap<usize, ActivationRef>,
-    /// The waits, by the time when they end and then by their order of beginning.
-    timers: BTreeMap<(Duration, u64), Timer>,
-    counter: u64,
     queue: VecDeque<(usize, Event)>,
-    /// How many events there were at the current instant.
-    events: usize,
-    log: Vec<SimulationEvent>,
-    timeline: Timeline,
+    record: Record,
     outcome: Option<Transition>,
-    /// The states of each activity that were last noted.
-    states_seen: BTreeMap<usize, String>,
-    last_ends: BTreeMap<usize, GroupEnd>,
     /// The open state of the story, while a story is played.
     pending: Option<Pending>,
+}
+
+/// The virtual time, and the timers that wait for it.
+#[derive(Clone, Debug, Default)]
+struct Clock {
+    now: Duration,
+    /// The waits, by the time when they end and then by their order of beginning.
+    timers: BTreeMap<(Duration, u64), Timer>,
+    /// How many waits have begun.
+    begun: u64,
+    /// How many events there were at the current instant.
+    events: usize,
+}
+
+/// The past of a simulation, for its user.
+#[derive(Clone, Debug, Default)]
+struct Record {
+    log: Vec<SimulationEvent>,
+    timeline: Timeline,
+    /// The states of each activity that were last noted.
+    states: BTreeMap<usize, String>,
+    /// The last end of each group.
+    ends: BTreeMap<usize, GroupEnd>,
 }
 
 impl<'a> Simulation<'a> {
@@ -158,25 +172,19 @@ impl<'a> Simulation<'a> {
             plan,
             programs,
             states,
-            now: Duration::ZERO,
+            clock: Clock::default(),
             leaves: BTreeMap::new(),
             seats: BTreeMap::new(),
-            timers: BTreeMap::new(),
-            counter: 0,
             queue: VecDeque::new(),
-            events: 0,
-            log: Vec::new(),
-            timeline: Timeline::default(),
+            record: Record::default(),
             outcome: None,
-            states_seen: BTreeMap::new(),
-            last_ends: BTreeMap::new(),
             pending: None,
         }
     }
 
     /// Returns the time since the start.
     pub fn now(&self) -> Duration {
-        self.now
+        self.clock.now
     }
 
     /// Returns the outcome of `main`, if it has ended.
@@ -191,17 +199,17 @@ impl<'a> Simulation<'a> {
 
     /// Returns the time when the next wait ends.
     pub fn next_timer(&self) -> Option<Duration> {
-        self.timers.keys().next().map(|&(due, _)| due)
+        self.clock.timers.keys().next().map(|&(due, _)| due)
     }
 
     /// Returns the events since the last call.
     pub fn take_happenings(&mut self) -> Vec<SimulationEvent> {
-        std::mem::take(&mut self.log)
+        std::mem::take(&mut self.record.log)
     }
 
     /// Returns a chart of the run until now, as a picture (SVG).
     pub fn chart(&self) -> String {
-        self.timeline.svg(self.plan, self.now)
+        self.record.timeline.svg(self.plan, self.clock.now)
     }
 
     /// Lets a running leaf end. `name` is the path of the leaf, or a unique end of the path.
@@ -222,12 +230,12 @@ impl<'a> Simulation<'a> {
 
     /// Lets time pass. Waits that end in this time end in their order.
     pub fn pass(&mut self, time: Duration) {
-        let until = self.now.saturating_add(time);
-        while let Some((&(due, number), &ends)) = self.timers.first_key_value() {
+        let until = self.clock.now.saturating_add(time);
+        while let Some((&(due, number), &ends)) = self.clock.timers.first_key_value() {
             if due > until || self.outcome.is_some() {
                 break;
             }
-            self.timers.remove(&(due, number));
+            self.clock.timers.remove(&(due, number));
             self.set_now(due);
             self.note_wait(ends, &Transition::Done);
             let Timer { group, timer, activation, .. } = ends;
@@ -238,8 +246,8 @@ impl<'a> Simulation<'a> {
     }
 
     fn set_now(&mut self, now: Duration) {
-        if now > self.now {
-            (self.now, self.events) = (now, 0);
+        if now > self.clock.now {
+            (self.clock.now, self.clock.events) = (now, 0);
         }
     }
 
@@ -273,8 +281,8 @@ impl<'a> Simulation<'a> {
     }
 
     fn note(&mut self, path: String, transition: Transition) {
-        self.timeline.note(&path, self.now, &transition);
-        self.log.push(SimulationEvent { at: self.now, path, transition });
+        self.record.timeline.note(&path, self.clock.now, &transition);
+        self.record.log.push(SimulationEvent { at: self.clock.now, path, transition });
     }
 
     fn is_limit(&self, timer: Timer) -> bool {
@@ -290,15 +298,15 @@ impl<'a> Simulation<'a> {
         } else {
             format!("{path}/wait({seconds} s)")
         };
-        self.timeline.note(&line, self.now, transition);
+        self.record.timeline.note(&line, self.clock.now, transition);
     }
 
     /// Reacts to the events in the queue until the queue is empty.
     fn react(&mut self) {
         let mut commands = Vec::new();
         while let Some((group, event)) = self.queue.pop_front() {
-            self.events += 1;
-            if self.events > INSTANT_MAX {
+            self.clock.events += 1;
+            if self.clock.events > INSTANT_MAX {
                 return self.give_up();
             }
             let outcome = step(&self.programs[group], &mut self.states[group], event, &mut commands);
@@ -315,7 +323,7 @@ impl<'a> Simulation<'a> {
     /// Gives the run up, because only the number of events would still grow.
     fn give_up(&mut self) {
         self.queue.clear();
-        self.timers.clear();
+        self.clock.timers.clear();
         self.leaves.clear();
         self.seats.clear();
         self.states = self.programs.iter().map(State::new).collect();
@@ -358,22 +366,22 @@ impl<'a> Simulation<'a> {
                 MemberKind::Group(inner) => self.queue.push_back((inner as usize, Event::Stop)),
             },
             Command::Arm { timer, activation, after } => {
-                self.counter += 1;
+                self.clock.begun += 1;
                 let timer = Timer { group, timer, activation, after };
                 let transition =
                     if self.is_limit(timer) { Transition::Limited(after) } else { Transition::Waits(after) };
                 self.note(self.plan.groups[group].path.clone(), transition);
                 // The order of an activity's timers matters, so each timer is at least as long as on a robot.
                 let least = if self.chart_of(group).is_some() { TIMER_LEAST } else { Duration::ZERO };
-                let due = self.now.saturating_add(after.max(least));
+                let due = self.clock.now.saturating_add(after.max(least));
                 self.note_wait(timer, &Transition::Started);
-                self.timers.insert((due, self.counter), timer);
+                self.clock.timers.insert((due, self.clock.begun), timer);
             }
             Command::Cancel { timer, activation } => {
                 let is_it = |armed: &Timer| (armed.group, armed.timer, armed.activation) == (group, timer, activation);
-                let found = self.timers.iter().find(|(_, armed)| is_it(armed)).map(|(due, armed)| (*due, *armed));
+                let found = self.clock.timers.iter().find(|(_, armed)| is_it(armed)).map(|(due, armed)| (*due, *armed));
                 if let Some((due, cancelled)) = found {
-                    self.timers.remove(&due);
+                    self.clock.timers.remove(&due);
                     self.note_wait(cancelled, &Transition::Stopped);
                 }
             }
@@ -384,7 +392,7 @@ impl<'a> Simulation<'a> {
     /// Handles the end of a group, which is an event for the group around it.
     fn ended(&mut self, group: usize, outcome: Outcome) {
         let outcome = self.escalated(group, outcome);
-        self.states_seen.remove(&group);
+        self.record.states.remove(&group);
         let path = &self.plan.groups[group].path;
         let transition = match &outcome {
             Outcome::Done(_) => Transition::Done,
@@ -415,7 +423,7 @@ impl<'a> Simulation<'a> {
     /// Returns the reason why a member that is a group has failed, if it has failed.
     fn last_words(&self, group: usize, member: u32) -> Option<String> {
         let MemberKind::Group(inner) = self.plan.groups[group].members[member as usize].kind else { return None };
-        let Transition::Aborted(text) = &self.last_ends.get(&(inner as usize))?.transition else { return None };
+        let Transition::Aborted(text) = &self.record.ends.get(&(inner as usize))?.transition else { return None };
         Some(text.clone())
     }
 

@@ -69,6 +69,7 @@ pub(crate) struct Scope<'a> {
 pub(crate) type Binding = (String, usize);
 
 /// A process group.
+// Wide: its fields are the statements of a `process` block.
 #[derive(Debug)]
 pub(crate) struct Process {
     pub(crate) name: Name,
@@ -307,6 +308,7 @@ pub(crate) struct Connection {
 }
 
 /// The interface of a controller module.
+// Wide: its fields are the statements of a `module` block.
 #[derive(Debug)]
 pub(crate) struct Module {
     pub(crate) name: Name,

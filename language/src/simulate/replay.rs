@@ -249,10 +249,10 @@ impl<'a> Simulation<'a> {
     fn runs_out(&mut self, path: &str, number: u32) -> Result<(), &'static str> {
         let group = self.group(path).ok_or("it is not a group")?;
         let is_it = |timer: &super::Timer| timer.group == group && timer.timer + 1 == number;
-        let found = self.timers.iter().find(|(_, timer)| is_it(timer)).map(|(due, timer)| (*due, *timer));
+        let found = self.clock.timers.iter().find(|(_, timer)| is_it(timer)).map(|(due, timer)| (*due, *timer));
         let (due, timer) = found.ok_or("no such time runs")?;
-        self.timers.remove(&due);
-        self.set_now(due.0.max(self.now));
+        self.clock.timers.remove(&due);
+        self.set_now(due.0.max(self.clock.now));
         self.note_wait(timer, &Transition::Done);
         self.queue.push_back((group, Event::Elapsed { timer: timer.timer, activation: timer.activation }));
         self.react();
@@ -409,6 +409,6 @@ impl<'a> Simulation<'a> {
         }
         let tag = if let Outcome::Done(value) = outcome { value.tag().map(str::to_owned) } else { None };
         let failure = if let Outcome::Aborted(reason) = outcome { Some(Failure::of(&reason.cause)) } else { None };
-        self.last_ends.insert(group, GroupEnd { transition: transition.clone(), tag, failure });
+        self.record.ends.insert(group, GroupEnd { transition: transition.clone(), tag, failure });
     }
 }

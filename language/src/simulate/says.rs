@@ -78,7 +78,7 @@ impl Simulation<'_> {
             return;
         }
         let names = names.join(", ");
-        if self.states_seen.get(&group) != Some(&names) {
+        if self.record.states.get(&group) != Some(&names) {
             let asked =
                 self.chart_of(group).map(|chart| chart.open_questions(place).map(|(_, it)| format!("asks: {it}")));
             let asked: Vec<String> = asked.into_iter().flatten().collect();
@@ -86,7 +86,7 @@ impl Simulation<'_> {
             for asks in asked {
                 self.note(self.plan.groups[group].path.clone(), Transition::Says(asks));
             }
-            self.states_seen.insert(group, names);
+            self.record.states.insert(group, names);
         }
     }
 

@@ -58,7 +58,8 @@ pub(crate) fn parse(source: &Source, origin: Origin) -> Parse {
     parser.file();
     let root = SyntaxNode::new_root(parser.builder.finish());
     debug_assert!(parser.text.is_empty() || root.text() == source.text.as_str(), "the tree keeps every byte");
-    Parse { root, diagnostics: parser.diagnostics, omitted: parser.omitted, damage: parser.damage }
+    let Reports { diagnostics, omitted, damage, .. } = parser.reports;
+    Parse { root, diagnostics, omitted, damage }
 }
 
 struct Parser<'t> {
@@ -72,6 +73,15 @@ struct Parser<'t> {
     /// Index into `tokens` of the first token that is not in the tree yet.
     placed: usize,
     builder: GreenNodeBuilder<'static>,
+    reports: Reports,
+    depth: usize,
+    /// Where the expression that is being read ends, besides a closing bracket.
+    ends: Ends,
+}
+
+/// The errors and warnings about the text.
+#[derive(Default)]
+struct Reports {
     diagnostics: Vec<Diagnostic>,
     /// How many remarks found no room.
     omitted: usize,
@@ -79,9 +89,6 @@ struct Parser<'t> {
     damage: Vec<Span>,
     /// Where the last error was found.
     reported_at: Option<usize>,
-    depth: usize,
-    /// Where the expression that is being read ends, besides a closing bracket.
-    ends: Ends,
 }
 
 /// The signs that end an expression.
@@ -106,10 +113,7 @@ impl<'t> Parser<'t> {
             cursor: 0,
             placed: 0,
             builder: GreenNodeBuilder::new(),
-            diagnostics: Vec::new(),
-            omitted: 0,
-            damage: Vec::new(),
-            reported_at: None,
+            reports: Reports::default(),
             depth: 0,
             ends: Ends::default(),
         }
@@ -243,8 +247,8 @@ impl<'t> Parser<'t> {
     /// the checker and are not reported again.
     fn report(&mut self, code: Code, message: impl Into<String>) -> Option<&mut Diagnostic> {
         if code.severity() == Severity::Error {
-            self.damage.push(self.span());
-            let last = self.reported_at.replace(self.cursor);
+            self.reports.damage.push(self.span());
+            let last = self.reports.reported_at.replace(self.cursor);
             // A character before it that means nothing is the cause.
             if self.follows_unknown() {
                 return None;
@@ -259,12 +263,12 @@ impl<'t> Parser<'t> {
 
     /// Adds a remark unless there are too many.
     fn add(&mut self, report: Diagnostic) -> Option<&mut Diagnostic> {
-        if self.diagnostics.len() >= DIAGNOSTICS_MAX {
-            self.omitted += 1;
+        if self.reports.diagnostics.len() >= DIAGNOSTICS_MAX {
+            self.reports.omitted += 1;
             return None;
         }
-        self.diagnostics.push(report);
-        self.diagnostics.last_mut()
+        self.reports.diagnostics.push(report);
+        self.reports.diagnostics.last_mut()
     }
 
     /// Reports that something else stands here; reads nothing.
@@ -360,7 +364,7 @@ impl<'t> Parser<'t> {
                 false => continue,
             };
             self.add(report);
-            self.damage.push(span);
+            self.reports.damage.push(span);
         }
     }
 }

@@ -14,7 +14,7 @@ impl Simulation<'_> {
         let group = self.group(path).ok_or("it is not a group")?;
         self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
         // Only an end after this point is accepted, even if the group restarts at once.
-        self.last_ends.remove(&group);
+        self.record.ends.remove(&group);
         let is_stopped = self.pending().ordered.contains(&group);
         if matches!(goal, Goal::Stopped) && is_stopped {
             self.reached(path)?;
@@ -53,7 +53,7 @@ impl Simulation<'_> {
     }
 
     fn has_come(&self, group: usize, goal: &Goal) -> bool {
-        let Some(GroupEnd { transition, tag, failure }) = self.last_ends.get(&group) else { return false };
+        let Some(GroupEnd { transition, tag, failure }) = self.record.ends.get(&group) else { return false };
         match (transition, goal) {
             (Transition::Done, Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
             (Transition::Aborted(_), Goal::Failed(wanted)) => wanted.is_none() || failure == wanted,
@@ -90,7 +90,7 @@ impl Simulation<'_> {
             events.extend(running.iter().map(|path| TraceEvent::Fails((*path).to_owned(), reason.cloned())));
         }
         let is_own = |group: usize| own(group) == path || own(group).starts_with(&prefix);
-        let timers = self.timers.values().filter(|timer| is_own(timer.group));
+        let timers = self.clock.timers.values().filter(|timer| is_own(timer.group));
         events.extend(timers.map(|timer| TraceEvent::Elapsed(own(timer.group).to_owned(), timer.timer + 1)));
         let bears = |group: &usize| self.plan.groups[*group].supervision.intensity.is_some();
         let below = self.seats.keys().copied().filter(|group| is_own(*group) && bears(group));

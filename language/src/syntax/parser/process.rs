@@ -27,7 +27,7 @@ impl Parser<'_> {
     fn item(&mut self) {
         if self.is_item(0) {
             // A new item is a safe point: mistakes after this point have separate causes.
-            self.reported_at = None;
+            self.reports.reported_at = None;
         }
         if self.at_word("module") {
             self.module();
