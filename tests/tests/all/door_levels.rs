@@ -87,6 +87,7 @@ fn number(base: &Value, name: &str) -> f64 {
 /// Two missions, one after the other, open the door with the same hardware. The hardware is not restarted. Between the
 /// missions, a person shuts the door.
 #[test]
+#[ignore = "long: two doors"]
 fn the_hardware_outlives_missions_that_open_the_door() {
     let door = Door::new();
     let mission = door.mission("door_mission");

@@ -23,6 +23,7 @@ fn kill(cluster: &Cluster, leaf: &str) {
 /// The laser, the servoing law, the law that moves the robot, and a hand that waits for its turn are killed while the
 /// robot servos. Three hosts run in one command, and wires cross two of them. The door still opens.
 #[test]
+#[ignore = "long: a real door"]
 fn the_door_opens_although_programs_died() {
     let _turn = Turn::take();
     let cluster = Cluster::new();
