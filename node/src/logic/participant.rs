@@ -35,16 +35,14 @@ use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{Counted, ExecContext, Executer, MemberRef, Sending, Taking, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
-use crate::logic::meant::{MeantActivity, meant};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    AbsentProcess, ActivityInput, Change, Delivery, Deployment, DeploymentStatus, Ending, InstanceParameters, Names,
-    ProcessStatus, Taken, Target, TellRequest, ToCoordinator, ToParticipant,
+    AbsentProcess, ActivityInput, Change, Deployment, DeploymentStatus, Ending, InstanceParameters, Names,
+    ProcessStatus, Taken, Target, ToCoordinator, ToParticipant,
 };
 pub(in crate::logic) use activation::gone;
 use activation::{Activation, Activations};
 use comms::logic::control::{Dial, MessageFate, Notice, Order, PortMessage};
-use comms::logic::switch::Flip;
 use comms::logic::time::Time;
 use external::Externals;
 pub use external::{Seen, Wanted};
@@ -234,31 +232,25 @@ impl Participant {
             }
             ToParticipant::Stop { target, activation } => self.stop(target, activation, out),
             ToParticipant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
-            ToParticipant::Switch { wires, open, group, generation } => {
-                self.flip(outside_of_switch(&wires, open), Asked { group, generation, host: from.to_owned() }, out);
-            }
-            ToParticipant::Switched { group, generation } => {
-                self.tell_executer(group, out, |executer, at, out| executer.switched(generation, at, out));
-            }
-            ToParticipant::Flip { group, generation, flip } => {
-                self.flip(flip, Asked { group, generation, host: from.to_owned() }, out);
-            }
-            ToParticipant::Expect { group, leaf, expect } => {
-                self.expect(ExpectedSwitch { group, leaf, expect, then: None }, from, out);
-            }
-            ToParticipant::ExpectAnd { group, leaf, expect, then } => {
-                self.expect(ExpectedSwitch { group, leaf, expect, then: Some(then) }, from, out);
-            }
             ToParticipant::Succeed { group, leaf, activation, value } => {
                 let by = Supervisor { group, host: from.to_owned() };
                 self.succeed(by, leaf, activation, value, out);
             }
-            ToParticipant::Expecting { .. }
+            ToParticipant::Switch { .. }
+            | ToParticipant::Flip { .. }
+            | ToParticipant::Expect { .. }
+            | ToParticipant::ExpectAnd { .. }
+            | ToParticipant::Switched { .. }
+            | ToParticipant::Expecting { .. }
             | ToParticipant::Taken { .. }
             | ToParticipant::Succeeding { .. }
-            | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
-            ToParticipant::Tell { group, told, by, call } => self.tell_activity(group, &told, by.as_deref(), call, out),
-            ToParticipant::Loose { target, hosts } => self.loosened(target, hosts, out),
+            | ToParticipant::SwitchSets { .. } => self.follow_switch(message, from, out),
+            ToParticipant::Tell { .. } => self.tell_activity(message, out),
+            ToParticipant::Loose { target, hosts } => {
+                let Some((group, slot)) = self.site.supervisor(target) else { return };
+                let hosts = hosts.into_iter().collect();
+                self.tell_executer(group, out, |executer, at, out| executer.loosened(slot, hosts, at, out));
+            }
             ToParticipant::Cleared { host } => {
                 self.each_executer(out, |executer, at, out| executer.host_cleared(&host, at, out));
             }
@@ -278,22 +270,21 @@ impl Participant {
         }
     }
 
-    /// Tells a supervisor of this host which hosts may still do something for a member that has ended.
-    fn loosened(&mut self, target: Target, hosts: Vec<String>, out: &mut Out<'_>) {
-        let Some((group, slot)) = self.site.supervisor(target) else { return };
-        self.tell_executer(group, out, |executer, at, out| {
-            executer.loosened(slot, hosts.into_iter().collect(), at, out);
-        });
-    }
-
-    /// Flips wires whose producers are here, for a supervisor.
-    fn flip(&mut self, flip: Flip, asked: Asked, out: &mut Out<'_>) {
-        self.links.flip(&self.site, &self.processes, flip, asked, out);
-    }
-
-    /// Passes a message about a switch on to a supervisor of this host.
-    fn follow_switch(&mut self, message: ToParticipant, out: &mut Out<'_>) {
-        if let ToParticipant::Expecting { group, leaf, generation } = message {
+    /// Carries out a part of a switch: opens and closes wires of programs on this host, or tells a supervisor of this host.
+    fn follow_switch(&mut self, message: ToParticipant, from: &str, out: &mut Out<'_>) {
+        let Self { site, processes, links, .. } = &mut *self;
+        let asked = |group, generation| Asked { group, generation, host: from.to_owned() };
+        if let ToParticipant::Switch { wires, open, group, generation } = message {
+            links.flip(site, processes, outside_of_switch(&wires, open), asked(group, generation), out);
+        } else if let ToParticipant::Flip { group, generation, flip } = message {
+            links.flip(site, processes, flip, asked(group, generation), out);
+        } else if let ToParticipant::Expect { group, leaf, expect } = message {
+            links.expect(site, processes, ExpectedSwitch { group, leaf, expect, then: None }, from, out);
+        } else if let ToParticipant::ExpectAnd { group, leaf, expect, then } = message {
+            links.expect(site, processes, ExpectedSwitch { group, leaf, expect, then: Some(then) }, from, out);
+        } else if let ToParticipant::Switched { group, generation } = message {
+            self.tell_executer(group, out, |executer, at, out| executer.switched(generation, at, out));
+        } else if let ToParticipant::Expecting { group, leaf, generation } = message {
             self.tell_executer(group, out, |executer, at, out| executer.expecting(generation, leaf, at, out));
         } else if let ToParticipant::Taken { group, leaf, generation, lost, late, missing } = message {
             let counted = Counted { lost, late, missing: missing.into_iter().collect() };
@@ -316,39 +307,11 @@ impl Participant {
         });
     }
 
-    fn expect(&mut self, expected: ExpectedSwitch, from: &str, out: &mut Out<'_>) {
-        self.links.expect(&self.site, &self.processes, expected, from, out);
-    }
-
-    /// Gives an order of a person to an activity whose supervisor is on this host, while the home is away.
-    pub fn tell_alone(&mut self, request: &TellRequest, out: &mut Out<'_>) -> Delivery {
-        let MeantActivity { group, path, host } = match meant(&self.site.plan, request) {
-            Ok(meant) => meant,
-            Err(why) => return Delivery::Refused(why),
-        };
-        if host != self.site.host {
-            return Delivery::Unconfirmed(format!(
-                "`{path}` is on `{host}`, and the home of `{}` is away",
-                request.name
-            ));
-        }
-        match self.give(group, &request.order, Some(&request.by), out) {
-            Ok(taken) => Delivery::Taken { path, taken },
-            Err(why) => Delivery::Refused(why),
-        }
-    }
-
     /// Gives an order to an activity. If a user waits, the home gets the answer.
-    fn tell_activity(
-        &mut self,
-        group: u32,
-        told: &ActivityInput,
-        by: Option<&str>,
-        call: Option<u64>,
-        out: &mut Out<'_>,
-    ) {
+    fn tell_activity(&mut self, message: ToParticipant, out: &mut Out<'_>) {
+        let ToParticipant::Tell { group, told, by, call } = message else { return };
         let first = out.messages.len();
-        let answer = self.give(group, told, by, out);
+        let answer = self.give(group, &told, by.as_deref(), out);
         if let Some(call) = call {
             self.site.tell_home(ToCoordinator::Answered { call, taken: answer }, out);
             // The deployment may end by the order, and the answer comes before that.
@@ -358,8 +321,17 @@ impl Participant {
         }
     }
 
-    /// Gives an order to an activity, and returns how it has reacted.
-    fn give(&mut self, group: u32, told: &ActivityInput, by: Option<&str>, out: &mut Out<'_>) -> Result<Taken, String> {
+    /// Gives an order to an activity whose supervisor is on this host, and returns how it has reacted.
+    ///
+    /// # Errors
+    /// Why it has not taken the order.
+    pub fn give(
+        &mut self,
+        group: u32,
+        told: &ActivityInput,
+        by: Option<&str>,
+        out: &mut Out<'_>,
+    ) -> Result<Taken, String> {
         let mut answer = Err("its supervisor is not here".to_owned());
         self.with_executer(group, out, |executer, at, out| {
             let Taking { ending, taken } = executer.tell_by(told, by, at, out);

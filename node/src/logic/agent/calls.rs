@@ -12,6 +12,7 @@ use crate::logic::coordinator::{Coordinator, Requested};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::history::{Audience, History};
+use crate::logic::meant::{MeantActivity, meant};
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
     Answer, Before, ChangeRequest, Delivery, Deployment, Ending, Estop, Failure, FailureCause, Kept, Names, Report,
@@ -153,7 +154,7 @@ impl Agent {
         }
         let mut parts = self.participants.iter_mut().filter(|(deployment, _)| deployment.name == request.name);
         let delivery = match parts.next() {
-            Some((_, part)) if self.peers.is_away(part.home()) => part.tell_alone(request, out),
+            Some((_, part)) if self.peers.is_away(part.home()) => alone(&self.identity.host, part, request, out),
             Some((_, part)) => {
                 Delivery::Refused(format!("`{}`, the home of `{}`, gives orders", part.home(), request.name))
             }
@@ -425,6 +426,20 @@ impl Agent {
             [] => Err(format!("no process `{process}` on host `{}`", self.identity.host)),
             _ => Err(format!("{SEVERAL} `{process}`; give more of the path")),
         }
+    }
+}
+
+/// Gives an order to an activity on this host, whose home is away.
+fn alone(host: &str, part: &mut Participant, request: &TellRequest, out: &mut Out<'_>) -> Delivery {
+    match meant(part.plan(), request) {
+        Ok(MeantActivity { path, host: other, .. }) if other != host => {
+            Delivery::Unconfirmed(format!("`{path}` is on `{other}`, and the home of `{}` is away", request.name))
+        }
+        Ok(MeantActivity { group, path, .. }) => match part.give(group, &request.order, Some(&request.by), out) {
+            Ok(taken) => Delivery::Taken { path, taken },
+            Err(why) => Delivery::Refused(why),
+        },
+        Err(why) => Delivery::Refused(why),
     }
 }
 
