@@ -180,9 +180,9 @@ fn sentence(wire: &WireName, count: MissingValues) -> String {
     let broken = "the program was killed, or the link to it broke";
     let counts = match (count.early, count.lost) {
         (0, 0) => return format!("the last values {values} may not be in the record: {broken}"),
+        (1, 0) => format!("the first value {values} is not in the record: the recorder was not linked yet"),
         (early, 0) => {
-            let first = counted(early, "value");
-            format!("the first {first} {values} {} not in the record: the recorder was not linked yet", are(early))
+            format!("the first {early} values {values} are not in the record: the recorder was not linked yet")
         }
         (0, lost) => format!("{} {values} {} not in the record", counted(lost, "value"), are(lost)),
         (early, lost) => format!(
