@@ -58,6 +58,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use team::program::ProgramIdentity;
 use thiserror::Error;
+use tracing_subscriber::EnvFilter;
 
 const USAGE: &str = "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node
        PROGRAM --list              lists the controller types of this program
@@ -107,6 +108,17 @@ pub fn run(registry: &Registry) -> ExitCode {
     run_in(registry, &Embedding { arguments: std::env::args().skip(1).collect(), around: |run| run() })
 }
 
+/// The log lines of a controller, unless `RUST_LOG` is set: the warnings of DCA.
+const LOGGED: &str = "off,controllers=warn,comms=warn";
+
+/// Sends the log of this process to standard error, which `dca logs` shows. `RUST_LOG` sets the filter, or else `usual`. If the
+/// program has already begun a log, this does nothing.
+pub fn log(usual: &str) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
+    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr);
+    lines.try_init().unwrap_or_default();
+}
+
 /// Runs the process of another language as the controller that its arguments name.
 pub fn run_in(registry: &Registry, embedding: &Embedding) -> ExitCode {
     prepare_process(Role::End);
@@ -122,6 +134,7 @@ fn run_named(registry: &Registry, Embedding { arguments, around }: &Embedding) -
         Some("--dca-interface") => registry.interface_text(),
         Some("--list") => registry.interfaces().map(|one| format!("{}\n", one.type_name)).collect(),
         Some(name) => {
+            log(LOGGED);
             return match take_part(registry, name, arguments.get(1..).unwrap_or_default(), *around) {
                 Ok(code) => code,
                 Err(error @ (ProcessError::Create { .. } | ProcessError::NoNode { .. })) => {

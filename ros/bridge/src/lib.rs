@@ -13,19 +13,15 @@ mod node;
 mod setup;
 
 use controllers::sdk::Registry;
-use controllers::sdk::process::{Embedding, run_in};
+use controllers::sdk::process::{self, Embedding, run_in};
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
 
 /// The log lines to show, unless `RUST_LOG` is set. Zenoh reports each failed attempt to reach a router; the bridge reports it only once.
 const LOGGED: &str = "off,bridge=info,controllers=warn,comms=warn";
 
 /// Sends the log of this process to standard error, which `dca logs` shows.
 pub fn log() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(LOGGED));
-    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr);
-    // If a log has already been started, it is kept.
-    lines.try_init().unwrap_or_default();
+    process::log(LOGGED);
 }
 
 /// Returns the controller types of the program: the bridge, an action as a task, and a program of ROS 2.
