@@ -48,5 +48,5 @@ pub use configuration::Configuration;
 pub use event::{Command, Event};
 pub use failure::Failure;
 pub use formula::{Formula, Relation};
-pub use shape::{Automaton, ChartError, ChartPlace, STATES_MAX};
+pub use shape::{Automaton, ChartError, ChartPlace, STATES_MAX, Scripts};
 pub use step::step;

@@ -19,6 +19,7 @@ mod ports;
 mod quantity;
 mod range;
 mod resource_args;
+mod scripts;
 mod sentences;
 mod sites;
 pub(crate) mod spec;
@@ -75,6 +76,8 @@ fn compile_all(
     if types::is_finite(&model, root, &mut diagnostics) {
         types::check_starts(&mut model, &mut diagnostics);
         types::check_results(&model, &mut diagnostics);
+        types::check_kept(&model, &mut diagnostics);
+        scripts::check(&mut model, &mut diagnostics);
         ports::check(&mut model, &mut diagnostics);
         flow::check(&mut model, &mut diagnostics);
     }

@@ -42,6 +42,7 @@ mod host;
 pub mod ide;
 mod message;
 pub mod plan;
+pub mod script;
 mod similar;
 mod simulate;
 pub mod sites;

@@ -1,6 +1,7 @@
 //! The layout of the messages on a wire, if the interface of the sender declares it. Also the modules whose programs must be asked.
 
 use crate::plan::Environment;
+use serde::{Deserialize, Serialize};
 
 /// A message that an output sends.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -12,7 +13,8 @@ pub struct Message {
 }
 
 /// The layout of a message: its values one after the other, in the order of its type, in postcard encoding.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(remote = "Self")] // `plan::nested` limits how deep the bytes nest.
 pub enum Layout {
     /// A number of 64 bits, `f64`, in SI units.
     Number {

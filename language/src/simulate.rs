@@ -11,7 +11,7 @@ mod says;
 mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
-use crate::automaton::Failure;
+use crate::automaton::{Failure, Scripts};
 use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan, TIMER_LEAST, TimerKind};
 use chart::Timeline;
 use replay::Pending;
@@ -166,7 +166,8 @@ impl<'a> Simulation<'a> {
 
     /// Returns a simulation of a plan before anything has begun.
     fn idle(plan: &'a Plan) -> Self {
-        let programs: Vec<Program> = plan.groups.iter().map(Program::compile).collect();
+        let programs: Vec<Program> =
+            plan.groups.iter().map(|group| Program::compile(group).with_scripts(Scripts::Known)).collect();
         let states = programs.iter().map(State::new).collect();
         Self {
             plan,
@@ -434,6 +435,8 @@ impl<'a> Simulation<'a> {
                 None => match Failure::of_report(report) {
                     Failure::Crash => "its program has died".to_owned(),
                     Failure::HostLost => "its host was lost".to_owned(),
+                    Failure::ScriptBudget => "a script has used up its budget".to_owned(),
+                    Failure::ScriptFailed => "a script has failed".to_owned(),
                     Failure::Reported
                     | Failure::Busy
                     | Failure::StopUnconfirmed
@@ -447,6 +450,7 @@ impl<'a> Simulation<'a> {
             Cause::StopUnconfirmed => "its stop could not be confirmed".to_owned(),
             Cause::ServiceEnded => "a service ended".to_owned(),
             Cause::NoMatch => "no arm of `match` has this outcome".to_owned(),
+            Cause::Script(error) => error.to_string(),
             // The chart has space for one word only.
             Cause::Failed(why) if why.starts_with(DEADLINE) => "timeout".to_owned(),
             Cause::Failed(why) => why.to_string(),

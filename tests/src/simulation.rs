@@ -511,6 +511,7 @@ impl Simulation {
             Cause::ServiceEnded => format!("{path}: a service ended"),
             Cause::Failed(text) => format!("{path}: {text}"),
             Cause::NoMatch => format!("{path}: no arm of `match` has this outcome"),
+            Cause::Script(error) => format!("{path}: {error}"),
         }
     }
 }

@@ -401,6 +401,7 @@ fn unit_of(label: Label) -> Option<usize> {
         | Label::Noted(_)
         | Label::Died(..)
         | Label::Back(..)
+        | Label::Script(..)
         | Label::TooMany(_) => None,
     }
 }

@@ -4,6 +4,7 @@ use crate::explore::{Graph, Limits, Nobody, Reached, explore};
 use crate::model::Model;
 use crate::story::{member_name, seconds, timer_of};
 use crate::system::{Label, Mode, System};
+use language::automaton::Failure;
 use language::plan::Plan;
 use language::sites::Sites;
 
@@ -65,6 +66,7 @@ fn word(system: &System<'_>, label: Label) -> String {
             format!("elapsed({}, {time}, {timer})", group(unit))
         }
         Label::Told(unit, number) => format!("message({}, {number})", group(unit)),
+        Label::Script(unit, kind) => format!("script({}, {})", group(unit), Failure::of_script(kind)),
         Label::Reached(unit) => format!("reached({})", group(unit)),
         Label::Arrived(unit, slot) => format!("arrived({})", member(unit, slot)),
         Label::Heard(unit, slot) => format!("heard({})", member(unit, slot)),

@@ -8,6 +8,7 @@
 use crate::story::inside::Way;
 use crate::values::{Values, readers};
 use language::algebra::{Program, Value};
+use language::automaton::Scripts;
 use language::plan::{Expression, Given, Group, Member, MemberKind, Notice, Plan};
 use language::sites::{Property, Sites};
 use std::time::Duration;
@@ -218,7 +219,7 @@ impl Outline<'_> {
 
     fn finish(&self, expression: Expression, draft: Draft, is_piece: bool) -> Part {
         let group = Group { members: draft.names, expression: expression.clone(), ..self.source.clone() };
-        let program = Program::compile(&group);
+        let program = Program::compile(&group).with_scripts(Scripts::Assumed);
         let (nodes, members) = (draft.nodes, draft.members);
         let group = u32::try_from(self.group).unwrap_or(u32::MAX);
         Part {

@@ -11,6 +11,7 @@ use crate::system::{Change, Changed, FaultKind, Frame, Label, LossKind, Phase, S
 use event::event;
 use language::TraceEvent;
 use language::algebra::Activity;
+use language::automaton::Failure;
 use language::plan::{Expression, MemberKind};
 use std::time::Duration;
 
@@ -236,16 +237,15 @@ fn lost_host<'s>(system: &'s System<'_>) -> &'s str {
 }
 
 fn cause(system: &System<'_>, label: Label) -> String {
+    let group = |unit: u16| system.model.group_name(system.model.parts[system.units[usize::from(unit)].part].group);
     let name = |unit: u16, member: u16| {
         let name = member_name(system, usize::from(unit), u32::from(member));
-        let part = &system.model.parts[system.units[usize::from(unit)].part];
-        name.map_or_else(|| format!("a part of `{}`", system.model.group_name(part.group)), |name| format!("`{name}`"))
+        name.map_or_else(|| format!("a part of `{}`", group(unit)), |name| format!("`{name}`"))
     };
-    let root = || system.model.group_name(system.model.parts[system.units[0].part].group);
     match label {
-        Label::Start => format!("`{}` starts", root()),
-        Label::StartWith(value) => format!("`{}` starts with {}", root(), system.tag(value).unwrap_or_default()),
-        Label::Stop => format!("`{}` is asked to stop", root()),
+        Label::Start => format!("`{}` starts", group(0)),
+        Label::StartWith(value) => format!("`{}` starts with {}", group(0), system.tag(value).unwrap_or_default()),
+        Label::Stop => format!("`{}` is asked to stop", group(0)),
         Label::Done(unit, member, value) => match system.tag(value) {
             Some(tag) => format!("{} is done: {tag}", name(unit, member)),
             None => format!("{} is done", name(unit, member)),
@@ -259,27 +259,22 @@ fn cause(system: &System<'_>, label: Label) -> String {
             let part = &system.model.parts[system.units[usize::from(unit)].part];
             let time = timer_of(&part.expression, usize::from(timer));
             let time = time.map_or_else(|| "some seconds".to_owned(), seconds);
-            let name = system.model.group_name(part.group);
-            states::timer(&part.expression, usize::from(timer), &name, &time)
+            states::timer(&part.expression, usize::from(timer), &group(unit), &time)
                 .unwrap_or_else(|| format!("{time} have passed"))
         }
-        Label::Reached(unit) => {
-            let part = &system.model.parts[system.units[usize::from(unit)].part];
-            format!("the order to stop reaches `{}`", system.model.group_name(part.group))
-        }
+        Label::Reached(unit) => format!("the order to stop reaches `{}`", group(unit)),
         Label::Arrived(unit, member) => {
             let host = host_name(system, MemberRef { unit: usize::from(unit), member: u32::from(member) });
             format!("the order to start {} reaches `{host}`", name(unit, member))
         }
         Label::Told(unit, number) => {
-            let part = &system.model.parts[system.units[usize::from(unit)].part];
-            let group = system.model.group_name(part.group);
-            format!("`{group}` gets {}", system.message_name(usize::from(unit), number))
+            format!("`{}` gets {}", group(unit), system.message_name(usize::from(unit), number))
+        }
+        Label::Script(unit, kind) => {
+            format!("the next script of `{}` will fail: {}", group(unit), Failure::of_script(kind))
         }
         Label::Heard(unit, member) => {
-            let part = &system.model.parts[system.units[usize::from(unit)].part];
-            let group = system.model.group_name(part.group);
-            format!("the report that {} has ended reaches `{group}`", name(unit, member))
+            format!("the report that {} has ended reaches `{}`", name(unit, member), group(unit))
         }
         Label::Lost => {
             let what = match system.mode.lost.map(|loss| loss.kind) {
@@ -299,9 +294,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
         Label::Died(unit, member) => format!("{} dies: it is away until it is started again", name(unit, member)),
         Label::Back(unit, member) => format!("{} runs again, and has forgotten what it knew", name(unit, member)),
         Label::TooMany(unit) => {
-            let part = &system.model.parts[system.units[usize::from(unit)].part];
-            let group = system.model.group_name(part.group);
-            format!("a program of `{group}` dies, once more than the group allows")
+            format!("a program of `{}` dies, once more than the group allows", group(unit))
         }
         Label::Fault(unit, member) => format!("{} {}", name(unit, member), fault(system, unit, member, false)),
         Label::Second(unit, member) => format!("{} {}", name(unit, member), fault(system, unit, member, true)),
@@ -338,6 +331,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         | Label::Stop
         | Label::Elapsed(..)
         | Label::Told(..)
+        | Label::Script(..)
         | Label::Reached(_)
         | Label::Arrived(..)
         | Label::TooMany(_)

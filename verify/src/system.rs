@@ -20,6 +20,7 @@ use crate::model::{Ends, Model, Seat};
 use language::algebra::{Event, Packing, Program, Steps, Value, Words};
 use language::automaton::Configuration;
 use language::automaton::Failure;
+use language::script::ScriptErrorKind;
 use language::sites::ProcessRef;
 use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
@@ -49,6 +50,8 @@ pub(crate) enum Label {
     Stopped(u16, u16),
     /// A timer of a unit has elapsed.
     Elapsed(u16, u16),
+    /// The next script of an activity fails.
+    Script(u16, ScriptErrorKind),
     /// An activity gets a message. The number selects one of the messages that it distinguishes.
     Told(u16, u16),
     /// The order to stop reaches a unit.

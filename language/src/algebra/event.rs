@@ -2,6 +2,7 @@
 
 use crate::automaton::{self, Failure};
 use crate::plan::text_value;
+use crate::script::ScriptError;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
@@ -278,7 +279,7 @@ impl Reason {
             Cause::Failed(why) => text_value(why),
             Cause::Reported(report) if Failure::of_report(report) == Failure::Reported => Value::EMPTY,
             Cause::Reported(report) => report.clone(),
-            Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch => {
+            Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch | Cause::Script(_) => {
                 Failure::of(&self.cause).report()
             }
         }
@@ -309,4 +310,6 @@ pub enum Cause {
     Failed(Arc<str>),
     /// No arm of a `match` has the tag of the outcome.
     NoMatch,
+    /// A script of the activity gave no value.
+    Script(ScriptError),
 }

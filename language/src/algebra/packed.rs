@@ -17,6 +17,7 @@ use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Activity, Cell, MemberState};
 use crate::automaton::{Configuration, Failure};
+use crate::script::ScriptErrorKind;
 
 /// How the states of one program are packed.
 #[derive(Clone, Debug)]
@@ -316,6 +317,19 @@ impl Packing {
     pub fn chart(&self, program: &Program, words: &Words) -> Option<Box<Configuration>> {
         let word = words.words.get(self.chart_start()).copied().unwrap_or(0);
         Some(Box::new(self.charts.as_ref()?.configuration(program.automaton()?, word)))
+    }
+
+    /// Returns whether the next script of an activity may fail: the activity runs, and has scripts.
+    pub fn may_fail_script(&self, program: &Program, words: &Words) -> bool {
+        let is_possible = |configuration: &Configuration| !configuration.is_idle() && !configuration.fails_script();
+        program.has_scripts() && self.chart(program, words).is_some_and(|configuration| is_possible(&configuration))
+    }
+
+    /// Returns the changed words of an activity whose next script fails: each item, with its word.
+    pub fn fail_script(&self, program: &Program, words: &Words, kind: ScriptErrorKind) -> Vec<(u32, u64)> {
+        let Some(mut configuration) = self.chart(program, words) else { return Vec::new() };
+        configuration.fail_script(kind);
+        (small(self.chart_start())..).zip(self.words_of_chart(Some(&configuration))).collect()
     }
 
     /// The words of where an activity is.

@@ -19,7 +19,7 @@
 
 use super::event::{Event, Value};
 use super::phase::Phase;
-use crate::automaton::{Automaton, Failure};
+use crate::automaton::{Automaton, Failure, Scripts};
 use crate::plan::{DEPTH_MAX, Expression, Given, Group, Member, MemberKind, Notice, StateChart};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -256,6 +256,20 @@ impl Program {
         let Event::Elapsed { timer, .. } = event else { return None };
         let chart = self.chart.as_deref()?;
         chart.timed.get(*timer as usize).map(|&transition| chart.automaton.chart().transitions[transition].source)
+    }
+
+    /// Returns the same program with another way to find the results of scripts. [`Self::compile`] lets each script run.
+    #[must_use]
+    pub fn with_scripts(mut self, scripts: Scripts) -> Self {
+        if let Some(chart) = &mut self.chart {
+            chart.automaton.set_scripts(scripts);
+        }
+        self
+    }
+
+    /// Returns whether the group is an activity with scripts.
+    pub fn has_scripts(&self) -> bool {
+        self.automaton().is_some_and(|automaton| !automaton.chart().scripts.is_empty())
     }
 
     /// Returns the automaton of an activity; none if the group is not an activity.

@@ -34,6 +34,7 @@ use super::event::{Activation, Outcome};
 use super::phase::Phase;
 use super::program::Program;
 use crate::automaton::Configuration;
+use crate::script::ScriptErrorKind;
 use serde::{Deserialize, Serialize};
 
 /// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
@@ -108,6 +109,13 @@ impl State {
     /// Returns whether nothing of the group runs: it was not started since its last outcome.
     pub fn is_idle(&self) -> bool {
         !self.cells[0].phase.is_active()
+    }
+
+    /// Lets the next script of an activity fail.
+    pub fn fail_script(&mut self, kind: ScriptErrorKind) {
+        if let Some(chart) = &mut self.chart {
+            chart.fail_script(kind);
+        }
     }
 
     /// Returns the activity of a member; idle for a slot that the group does not have.

@@ -4,9 +4,10 @@ use super::chart::{Action, Fragment, ValueSource};
 use super::configuration::Configuration;
 use super::event::Command;
 use super::select::Cue;
-use super::shape::Automaton;
+use super::shape::{Automaton, Scripts};
 use crate::algebra::{Cause, Reason, Value};
 use crate::plan::text_value;
+use crate::script::{Given, Script, ScriptError, ScriptInput, ScriptSource};
 
 /// Carries out one block of actions. An error ends the block. The configuration keeps the first error.
 pub(super) fn carry_out(
@@ -36,7 +37,57 @@ pub(super) fn carry_out(
                 commands.push(Command::Send { output: *output, value: value_of(configuration, value, event) });
             }
             Action::Log(fragments) => commands.push(Command::Log(text_of(configuration, fragments))),
+            Action::Compute { slot, script } => {
+                match computed(automaton, configuration, &automaton.chart().scripts[*script], event) {
+                    Ok(value) => configuration.slots[*slot] = value,
+                    Err(error) => {
+                        configuration.error.get_or_insert(Reason { member: None, cause: Cause::Script(error) });
+                        return;
+                    }
+                }
+            }
         }
+    }
+}
+
+/// Returns the result of a script, by rule 83. Without the true values, the result is an empty value.
+fn computed(
+    automaton: &Automaton,
+    configuration: &mut Configuration,
+    script: &Script,
+    event: &Value,
+) -> Result<Value, ScriptError> {
+    if let Some(kind) = configuration.scripts.failure.take() {
+        return Err(ScriptError::assumed(kind));
+    }
+    let given = |source: &ScriptSource| match source {
+        ScriptSource::Event(_) => Given::Bytes(event.clone()),
+        ScriptSource::Slot { slot, .. } => Given::Bytes(configuration.slots[*slot].clone()),
+        ScriptSource::Variable(variable) => given_variable(automaton, configuration, *variable),
+    };
+    let is_missing =
+        |input: &ScriptInput| matches!(given(&input.source), Given::Bytes(value) if value.bytes().is_empty());
+    match automaton.scripts() {
+        Scripts::Assumed => return Ok(Value::EMPTY),
+        Scripts::Known if script.inputs.iter().any(is_missing) => return Ok(Value::EMPTY),
+        Scripts::Known | Scripts::Run => {}
+    }
+    if configuration.scripts.left == 0 {
+        return Err(ScriptError::too_many());
+    }
+    let result = script.run(&given);
+    configuration.scripts.left -= 1;
+    result
+}
+
+fn given_variable(automaton: &Automaton, configuration: &Configuration, variable: usize) -> Given {
+    let (value, declared) = (configuration.variables[variable], &automaton.chart().variables[variable]);
+    let name = usize::try_from(value).ok().and_then(|value| declared.names.get(value));
+    match name.map(String::as_str) {
+        Some("true") => Given::Truth(true),
+        Some("false") => Given::Truth(false),
+        Some(name) => Given::Name(name.to_owned()),
+        None => Given::Number(value),
     }
 }
 

@@ -3,6 +3,7 @@
 use super::failure::Failure;
 use super::formula::Formula;
 use crate::algebra::Value;
+use crate::script::Script;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -19,6 +20,8 @@ pub struct Chart {
     pub slots: usize,
     /// For each input port, the number of messages that may wait.
     pub ports: Vec<usize>,
+    /// The scripts, whose numbers are in [`Action::Compute`].
+    pub scripts: Vec<Script>,
 }
 
 /// One state of a chart.
@@ -191,6 +194,13 @@ pub enum Action {
     },
     /// Writes a line that people read.
     Log(Vec<Fragment>),
+    /// Keeps the result of a script.
+    Compute {
+        /// The number of the slot.
+        slot: usize,
+        /// The number of the script.
+        script: usize,
+    },
 }
 
 /// A part of a line that people read, or of a text that is sent.

@@ -3,6 +3,7 @@
 use super::select::Cue;
 use super::shape::Automaton;
 use crate::algebra::{Activation, Activity, Outcome, Reason, Value};
+use crate::script::{SCRIPTS_MAX, ScriptErrorKind};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -28,6 +29,17 @@ pub struct Configuration {
     pub(super) pending: Option<Pending>,
     /// The first error in the current step between configurations.
     pub(super) error: Option<Reason>,
+    /// The scripts of this reaction.
+    pub(super) scripts: ScriptAllowance,
+}
+
+/// The scripts that may still run in a reaction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(super) struct ScriptAllowance {
+    /// How many may still run.
+    pub(super) left: u8,
+    /// The failure of the next script, if an explorer lets it fail.
+    pub(super) failure: Option<ScriptErrorKind>,
 }
 
 /// The run of a state.
@@ -91,7 +103,23 @@ impl Configuration {
             queue: Vec::new(),
             pending: None,
             error: None,
+            scripts: ScriptAllowance { left: SCRIPTS_MAX, failure: None },
         }
+    }
+
+    /// Begins a reaction to an event: its scripts get their budget. A reaction has several steps if runs end at once.
+    pub fn begin_reaction(&mut self) {
+        self.scripts.left = SCRIPTS_MAX;
+    }
+
+    /// Lets the next script fail.
+    pub(crate) fn fail_script(&mut self, kind: ScriptErrorKind) {
+        self.scripts.failure = Some(kind);
+    }
+
+    /// Returns whether the next script will fail.
+    pub(crate) fn fails_script(&self) -> bool {
+        self.scripts.failure.is_some()
     }
 
     /// Returns whether the activity does not run.

@@ -2,6 +2,7 @@
 
 use crate::algebra::{Cause, Value};
 use crate::plan::{DEADLINE, text_value};
+use crate::script::ScriptErrorKind;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -26,11 +27,15 @@ pub enum Failure {
     Crash,
     /// A host was lost.
     HostLost,
+    /// A script has used up its budget.
+    ScriptBudget,
+    /// A script has made an error.
+    ScriptFailed,
 }
 
 impl Failure {
     /// The reasons that a spec names with a word.
-    pub const WORDS: [(&'static str, Self); 8] = [
+    pub const WORDS: [(&'static str, Self); 10] = [
         ("timeout", Self::Timeout),
         ("reported", Self::Reported),
         ("crash", Self::Crash),
@@ -39,12 +44,21 @@ impl Failure {
         ("stop_unconfirmed", Self::StopUnconfirmed),
         ("service_ended", Self::ServiceEnded),
         ("no_match", Self::NoMatch),
+        ("script_budget", Self::ScriptBudget),
+        ("script_failed", Self::ScriptFailed),
     ];
 
     /// The reasons without a text that a report can carry. The second byte of the report says the reason. The first byte is 0, so that the
     /// report is neither a text nor a tag.
-    const MARKS: [(Self, u8); 5] =
-        [(Self::Busy, 1), (Self::ServiceEnded, 2), (Self::NoMatch, 3), (Self::Crash, 4), (Self::HostLost, 5)];
+    const MARKS: [(Self, u8); 7] = [
+        (Self::Busy, 1),
+        (Self::ServiceEnded, 2),
+        (Self::NoMatch, 3),
+        (Self::Crash, 4),
+        (Self::HostLost, 5),
+        (Self::ScriptBudget, 6),
+        (Self::ScriptFailed, 7),
+    ];
 
     /// Returns the reason that a word names.
     pub fn of_word(word: &str) -> Option<Self> {
@@ -68,7 +82,9 @@ impl Failure {
             | Self::ServiceEnded
             | Self::NoMatch
             | Self::Crash
-            | Self::HostLost => {
+            | Self::HostLost
+            | Self::ScriptBudget
+            | Self::ScriptFailed => {
                 let mark = Self::MARKS.iter().find(|(marked, _)| marked == self);
                 mark.map_or(Value::EMPTY, |(_, number)| Value::new(&[0, *number]))
             }
@@ -98,6 +114,15 @@ impl Failure {
             Cause::StopUnconfirmed => Self::StopUnconfirmed,
             Cause::ServiceEnded => Self::ServiceEnded,
             Cause::NoMatch => Self::NoMatch,
+            Cause::Script(error) => Self::of_script(error.kind),
+        }
+    }
+
+    /// Returns the reason of a failed script.
+    pub fn of_script(kind: ScriptErrorKind) -> Self {
+        match kind {
+            ScriptErrorKind::Budget => Self::ScriptBudget,
+            ScriptErrorKind::Failed => Self::ScriptFailed,
         }
     }
 
@@ -119,6 +144,8 @@ impl Failure {
             Self::NoMatch => Some("no arm for this outcome"),
             Self::Crash => Some("crash"),
             Self::HostLost => Some("host lost"),
+            Self::ScriptBudget => Some("script over its budget"),
+            Self::ScriptFailed => Some("script failed"),
             Self::Reported | Self::Failed(_) | Self::Timeout => None,
         }
     }

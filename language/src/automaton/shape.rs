@@ -5,6 +5,7 @@ use super::configuration::Configuration;
 use super::formula::Formula;
 use crate::algebra::TAG_MAX;
 use crate::plan::DEPTH_MAX;
+use crate::script::{SCRIPT_INPUTS_MAX, SCRIPT_TEXT_MAX, Script, ScriptSource};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -19,6 +20,20 @@ pub struct Automaton {
     ends: Vec<usize>,
     /// For each state, its transitions in document order.
     transitions_of: Vec<Vec<usize>>,
+    #[serde(skip)]
+    scripts: Scripts,
+}
+
+/// How the results of scripts are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scripts {
+    /// Each script runs.
+    #[default]
+    Run,
+    /// A script runs if all its inputs are known. Otherwise its result is an empty value, which stands for any value.
+    Known,
+    /// No script runs: each result is an empty value, or the script fails because an explorer wants this.
+    Assumed,
 }
 
 /// A place in a chart.
@@ -97,7 +112,7 @@ impl Automaton {
             let of = transitions_of.get_mut(transition.source);
             of.ok_or_else(|| ChartError::Missing(format!("state {}", transition.source)))?.push(number);
         }
-        let automaton = Self { chart, ends, transitions_of };
+        let automaton = Self { chart, ends, transitions_of, scripts: Scripts::Run };
         (0..automaton.ends.len()).try_for_each(|state| automaton.check_state(state))?;
         (0..automaton.chart.transitions.len()).try_for_each(|number| automaton.check_transition(number))?;
         let mut variables = automaton.chart.variables.iter();
@@ -110,6 +125,16 @@ impl Automaton {
     /// Returns the chart.
     pub fn chart(&self) -> &Chart {
         &self.chart
+    }
+
+    /// Returns how the results of scripts are found.
+    pub(super) fn scripts(&self) -> Scripts {
+        self.scripts
+    }
+
+    /// Changes how the results of scripts are found.
+    pub(crate) fn set_scripts(&mut self, scripts: Scripts) {
+        self.scripts = scripts;
     }
 
     /// The states inside a state, at any depth.
@@ -300,6 +325,25 @@ impl Automaton {
             Action::Raise(_) => Ok(()),
             Action::Send { value, .. } => self.check_value(value),
             Action::Log(fragments) => self.check_fragments(fragments),
+            Action::Compute { slot, script } => {
+                let script = self.chart.scripts.get(*script);
+                self.check_script(script.ok_or_else(|| ChartError::Missing("a script".to_owned()))?)?;
+                self.check_value(&ValueSource::Slot(*slot))
+            }
+        })
+    }
+
+    fn check_script(&self, script: &Script) -> Result<(), ChartError> {
+        if script.text.len() > SCRIPT_TEXT_MAX {
+            return Err(ChartError::Missing(format!("a script of {} bytes", script.text.len())));
+        }
+        if script.inputs.len() > SCRIPT_INPUTS_MAX {
+            return Err(ChartError::Missing(format!("a script with {} inputs", script.inputs.len())));
+        }
+        script.inputs.iter().try_for_each(|input| match input.source {
+            ScriptSource::Event(_) => Ok(()),
+            ScriptSource::Slot { slot, .. } => self.check_value(&ValueSource::Slot(slot)),
+            ScriptSource::Variable(variable) => self.check_formula(&Formula::Variable(variable), 1),
         })
     }
 

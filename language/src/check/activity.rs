@@ -9,6 +9,7 @@ mod notice;
 mod outcome;
 mod question;
 mod remarks;
+mod script;
 mod shape;
 mod state;
 mod transition;
@@ -24,6 +25,7 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Number};
 use crate::syntax::ast::{Name, Node};
 use domain::Domain;
+use script::Scripts;
 use std::collections::BTreeMap;
 
 /// The number of messages that may wait at a port, unless the port declares another number.
@@ -61,6 +63,7 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
     reader.check_outcomes(&chart, span);
     let is_sound = reader.is_sound;
     let notices = reader.heard.notices.iter().map(|(_, place)| *place).collect();
+    let Scripts { models: scripts, kinds, .. } = std::mem::take(&mut reader.scripts);
     let ActivityInterface { inputs: mut ports, outputs, outcomes } = reader.interface;
     ports.extend(outputs);
     if let Some(diagnostic) = useless_labels(group) {
@@ -81,6 +84,8 @@ pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
             run_labels,
             ports,
             outcomes,
+            kinds,
+            scripts,
         })),
     })
 }
@@ -126,6 +131,7 @@ struct ActivityReader<'r, 'g> {
     runs: Vec<(usize, Expr)>,
     /// The transitions in the text.
     places: Vec<TransitionText>,
+    scripts: Scripts,
     is_sound: bool,
 }
 
@@ -142,6 +148,7 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             heard: Heard::default(),
             runs: Vec::new(),
             places: Vec::new(),
+            scripts: Scripts::default(),
             is_sound: true,
         }
     }
@@ -252,7 +259,8 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
                 continue;
             }
             known.insert(name.text.clone(), name.span);
-            let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else {
+            let domain_node = node.child(SyntaxKind::Domain);
+            let Some(domain) = domain_node.as_ref().and_then(|node| self.domain(node)) else {
                 // The name is known, so uses of the variable are not reported as mistakes.
                 self.group.kept.variables.insert(name.text.clone(), None);
                 let any = Domain::Range(i32::MIN, i32::MAX);
@@ -265,6 +273,8 @@ impl<'r, 'g> ActivityReader<'r, 'g> {
             let initial = node.child(SyntaxKind::Formula);
             if domain == Domain::Opaque {
                 self.group.kept.variables.insert(name.text, Some(self.chart.slots));
+                let kind = domain_node.and_then(|node| declare::kind(&node, &mut self.group.reader()));
+                self.scripts.kinds.extend(kind.map(|kind| (self.chart.slots, kind)));
                 self.chart.slots += 1;
                 let is_empty = initial.as_ref().is_none_or(|initial| initial.compact_text() == "()");
                 if let (false, Some(initial)) = (is_empty, initial) {

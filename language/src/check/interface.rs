@@ -113,7 +113,8 @@ fn signature(port: Port) -> Option<(String, String)> {
     Some((name, text))
 }
 
-fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
+/// Returns the layout of the values of a type; none if no text declares its values.
+pub(super) fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
     match spec.shape(kind) {
         Shape::Record(fields) => {
             let field = |field: &Param| Some((field.name.text.clone(), layout(spec, field.kind.as_ref()?)?));

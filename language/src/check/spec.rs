@@ -15,7 +15,9 @@ use ros::logic::route::Way;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-pub(crate) use expr::{Arm, CatchArm, ChartModel, Expr, ExprKind, Path, StartValue, are_parallel};
+pub(crate) use expr::{
+    Arm, CatchArm, ChartModel, Expr, ExprKind, Path, Readable, ReadableValue, ScriptModel, StartValue, are_parallel,
+};
 pub(crate) use kind::{FIELDS_MAX, Kind, NamedType, Shape, TypeMatch};
 
 /// Everything that is declared in a spec and in the interfaces.

@@ -1,5 +1,6 @@
 //! Checks the types of instances, their arguments, and which groups contain which other groups.
 
+mod kept;
 mod kinds;
 mod records;
 mod recursion;
@@ -18,6 +19,7 @@ use crate::syntax::ast::Name;
 use kinds::TypeChecker;
 use std::collections::BTreeSet;
 
+pub(super) use kept::{check as check_kept, event_kind};
 pub(super) use recursion::is_finite;
 pub(super) use result::check as check_results;
 pub(super) use start::{check as check_starts, declared, takers};

@@ -183,7 +183,7 @@ impl Sums {
             let is_apart = !piece.comments.is_empty() || before.is_some_and(|before| is_apart(before, piece));
             columns = start + piece.text.chars().count() + usize::from(is_apart);
             comments += u32::from(piece.forces_lines());
-            lines += u32::from(piece.is_broken);
+            lines += u32::from(piece.is_broken || piece.text.contains('\n'));
             operators += u32::from(is_operator(piece.parent) && piece.is_broken_beside(pieces.get(index + 1)));
         }
         sums.columns.push((columns, columns));
@@ -235,6 +235,9 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
         return is_apart;
     }
     let is_roomy = |kind: SyntaxKind| [Module, Match, Record, RecordType, State, Block].contains(&kind);
+    if next.kind == SyntaxKind::Script {
+        return true;
+    }
     if next.kind == LeftBrace {
         return is_roomy(next.parent) && ![LeftParen, LeftBracket].contains(&before.kind);
     }

@@ -1,10 +1,11 @@
-//! Encodes and decodes expressions and formulas.
+//! Encodes and decodes expressions, formulas and layouts.
 //!
 //! The reader of an expression calls itself for each level of nesting, and the stack is limited. So bytes that are nested
 //! more deeply than an expression may be are refused during the read, not afterwards: a peer's bytes cannot crash a node.
 
 use super::{DEPTH_MAX, Expression};
 use crate::automaton::Formula;
+use crate::message::Layout;
 use serde::de::{Deserialize, Deserializer, Error};
 use serde::ser::{Serialize, Serializer};
 use std::cell::Cell;
@@ -57,6 +58,20 @@ impl<'de> Deserialize<'de> for Formula {
 }
 
 impl Serialize for Formula {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Layout {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let deep = || D::Error::custom(format_args!("a type is nested deeper than {DEPTH_MAX} levels"));
+        let _level = Level::enter().ok_or_else(deep)?;
+        Self::deserialize(deserializer)
+    }
+}
+
+impl Serialize for Layout {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         Self::serialize(self, serializer)
     }

@@ -118,7 +118,8 @@ impl<'a> Simulation<'a> {
             | TraceEvent::Dies(_)
             | TraceEvent::Back(_)
             | TraceEvent::TooMany(_)
-            | TraceEvent::Told(..) => false,
+            | TraceEvent::Told(..)
+            | TraceEvent::Script(..) => false,
         }
     }
 
@@ -178,6 +179,11 @@ impl<'a> Simulation<'a> {
                 self.escalates(group)
             }
             TraceEvent::Told(path, number) => self.told(path, *number),
+            TraceEvent::Script(path, kind) => {
+                let group = self.group(path).ok_or("it is not a group")?;
+                self.states[group].fail_script(*kind);
+                Ok(())
+            }
             TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => Err("a simulation has no hosts"),
             TraceEvent::Arrived(path) => self.arrives(path),
             TraceEvent::Heard(path) => {

@@ -2,6 +2,7 @@
 //! c2`.
 
 use crate::automaton::Failure;
+use crate::script::ScriptErrorKind;
 use crate::syntax::ast::content;
 use std::fmt;
 use std::str::FromStr;
@@ -44,6 +45,8 @@ pub enum TraceEvent {
     Noted(String),
     /// An activity gets a message. The number counts the messages that the activity distinguishes, from 1.
     Told(String, u32),
+    /// The next script of an activity fails.
+    Script(String, ScriptErrorKind),
 }
 
 /// A fault of a program.
@@ -102,7 +105,8 @@ impl TraceEvent {
             | Self::Dies(path)
             | Self::Back(path)
             | Self::TooMany(path)
-            | Self::Told(path, _) => Some(path),
+            | Self::Told(path, _)
+            | Self::Script(path, _) => Some(path),
             Self::Stop | Self::Lost(_) | Self::Cut(_) | Self::Noted(_) => None,
         }
     }
@@ -130,6 +134,7 @@ impl fmt::Display for TraceEvent {
             Self::Cut(host) => write!(f, "cut {host}"),
             Self::Noted(host) => write!(f, "noted {host}"),
             Self::Told(path, number) => write!(f, "told {path} {number}"),
+            Self::Script(path, kind) => write!(f, "script {path} {}", Failure::of_script(*kind)),
         }
     }
 }
@@ -149,6 +154,11 @@ impl FromStr for TraceEvent {
             ["told", path, number] => {
                 let number = number.parse().ok().filter(|number| *number > 0);
                 number.map(|number| Self::Told(path.to_owned(), number))
+            }
+            ["script", path, word] => {
+                let is_it = |kind: &ScriptErrorKind| Some(Failure::of_script(*kind)) == Failure::of_word(word);
+                let kind = ScriptErrorKind::ALL.into_iter().find(is_it);
+                kind.map(|kind| Self::Script(path.to_owned(), kind))
             }
             [word, name] => of_one(word, name.to_owned()),
             ["fails", path, ..] => reason(line, path).map(|failure| Self::Fails(path.to_owned(), Some(failure))),
@@ -216,6 +226,7 @@ mod tests {
             TraceEvent::Cut("c1".to_owned()),
             TraceEvent::Noted("c1".to_owned()),
             TraceEvent::Told(path(), 3),
+            TraceEvent::Script(path(), ScriptErrorKind::Budget),
         ];
         events.extend(ProgramFault::ALL.map(|fault| TraceEvent::Struck(fault, path())));
         for event in events {

@@ -57,6 +57,7 @@ kinds! {
         Ident "a name"
         Number "a number"
         Text "a string"
+        Script "the text of a script"
         LeftParen "`(`"
         RightParen "`)`"
         LeftBrace "`{`"

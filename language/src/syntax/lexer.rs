@@ -1,5 +1,7 @@
 //! From text to tokens. The lexer never fails: a character without meaning becomes an [`SyntaxKind::Unknown`] token.
 
+mod script;
+
 use super::SyntaxKind;
 
 /// A piece of text with a kind.
@@ -60,6 +62,7 @@ pub(super) fn lex_at_most(text: &str, count_max: usize) -> Option<Vec<Token>> {
     while let Some(first) = text[start..].chars().next() {
         let (kind, length) = match first {
             MARK if start == 0 => (SyntaxKind::Whitespace, MARK.len_utf8()),
+            '{' if script::begins(&tokens, text) => (SyntaxKind::Script, script::length(&text[start..])),
             first => token(&text[start..], first),
         };
         let end = start + length;
@@ -149,6 +152,9 @@ pub(super) fn is_open(kind: SyntaxKind, text: &str) -> bool {
         let Some(inner) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) else { return true };
         // An odd number of `\\` before the quote escapes it.
         return inner.chars().rev().take_while(|&c| c == '\\').count() % 2 == 1;
+    }
+    if kind == SyntaxKind::Script {
+        return !script::is_closed(text);
     }
     kind == SyntaxKind::Comment && text.starts_with("/*") && (text.len() < 4 || !text.ends_with("*/"))
 }

@@ -175,11 +175,11 @@ fn an_arm_behind_else_names_a_cause() {
     let with = |actions: &str| OUTCOMES.replace("using(table) (find : match { $1 })", actions);
     completes(
         &with("find else match { $0 }"),
-        "timeout reported crash host_lost busy stop_unconfirmed service_ended no_match",
+        "timeout reported crash host_lost busy stop_unconfirmed service_ended no_match script_budget script_failed",
     );
     completes(
         &with("find else match { timeout => skip, $0 }"),
-        "reported crash host_lost busy stop_unconfirmed service_ended no_match",
+        "reported crash host_lost busy stop_unconfirmed service_ended no_match script_budget script_failed",
     );
     completes(&with("find : match { found => skip } else match { busy => find : match { $0 } }"), "found missing");
 }

@@ -19,6 +19,7 @@ mod ide;
 mod manual;
 mod robustness;
 mod rules;
+mod scripts;
 mod simulate;
 mod size;
 mod start_values;

@@ -133,6 +133,7 @@ impl Run {
                 Cause::StopUnconfirmed => "aborted(unconfirmed)".to_owned(),
                 Cause::Busy => "aborted(busy)".to_owned(),
                 Cause::NoMatch => "aborted(no arm)".to_owned(),
+                Cause::Script(error) => format!("aborted({error})"),
             },
         });
         commands.iter().filter_map(shown_command).chain(outcome).collect()

@@ -457,6 +457,7 @@ impl Executer {
             Cause::ServiceEnded => FailureCause::ServiceEnded,
             Cause::Failed(why) => FailureCause::Failed(why.to_string()),
             Cause::NoMatch => FailureCause::NoMatch,
+            Cause::Script(error) => FailureCause::Script(error.clone()),
         };
         Failure { origin, cause, at: context.since_go }
     }

@@ -1,4 +1,4 @@
-//! Activities with real processes: a lost host, and orders from people.
+//! Activities with real processes: a lost host, orders from people, and a script that never ends by itself.
 
 use dca_tests::cluster::{Cluster, Network, SOON, Stream, wait_until};
 use rustix::process::Signal;
@@ -53,4 +53,37 @@ fn a_lost_host_sends_an_activity_home() {
         assert_eq!(node.ended(SOON).code, Some(0));
     }
     cluster.expect_nothing_left(SOON);
+}
+
+const SCRIPTS: &str = "
+    activity Again(here: Host) {
+        host{here}
+        var n: opaque Number = ();
+        initial state turning { on after 20 ms -> done { n = script { loop {} }; } }
+    }
+    activity Count(here: Host) {
+        host{here}
+        var n: 0..15 = 0;
+        initial state counting {
+            on every 20 ms when n < 15 { n += 1; log(\"count \" + n); }
+            on always when n == 15 -> done;
+        }
+    }
+    process main() {
+        host{c1}
+        instantiated_processes { again instof Again(c1); count instof Count(c1); }
+        internal_event_actions { count , (retry(10) (again) else match { script_budget => skip }) }
+    }";
+
+/// A script that would loop for ever aborts its activity, again and again. The other activity of the node counts on, and
+/// misses nothing. `dca run` shows only the first lines, so there are few.
+#[test]
+fn a_looping_script_disturbs_no_other_activity() {
+    let cluster = Cluster::new();
+    let ended = cluster.here().ask(&["run", &cluster.file("scripts.dca", SCRIPTS)]);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let why = "a script has used up its budget: line 1 of the script: more than 2000 operations";
+    assert!(ended.err.matches(why).count() >= 10, "{ended}");
+    let counts = ended.err.lines().filter_map(|line| line.split_once("says: count ")?.1.trim().parse().ok());
+    assert_eq!(counts.collect::<Vec<u32>>(), (1..=15).collect::<Vec<u32>>(), "{ended}");
 }

@@ -3,8 +3,10 @@
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Model, walk};
 use crate::story::{Step, Story, seconds, timer_of};
-use language::algebra::{Command, Event, Outcome, Program, State, StepRecord, step};
+use language::algebra::{Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, step};
+use language::automaton::Scripts;
 use language::plan::{Expression, Group, TimerKind};
+use language::script::ScriptErrorKind;
 use language::{Code, Span};
 
 /// How many steps before the deviation the story has at most.
@@ -14,24 +16,57 @@ const TOLD_MAX: usize = 12;
 pub(super) fn deviation(model: &Model<'_>, group: u32, steps: &[StepRecord]) -> Option<Finding> {
     let source = model.plan.groups.get(group as usize)?;
     let teller = Teller { model, group, source };
-    let program = Program::compile(source);
+    let mut program = Program::compile(source);
     let mut state = State::new(&program);
     let mut are_values_known = true;
     for (index, seen) in steps.iter().enumerate() {
-        let mut commands = Vec::new();
-        let outcome = step(&program, &mut state, seen.event.clone(), &mut commands);
-        let mut expected = StepRecord::new(seen.event.clone(), commands, outcome);
         // If a value was cut off in the record, its results are unknown as well.
-        are_values_known &= !seen.is_cut;
-        let mut compared = seen.clone();
-        if !are_values_known {
-            (expected, compared) = (expected.without_values(), compared.without_values());
+        if seen.is_cut && are_values_known {
+            are_values_known = false;
+            program = program.with_scripts(Scripts::Assumed);
         }
-        if (&expected.commands, &expected.outcome) != (&compared.commands, &compared.outcome) {
+        // A script without its values may have failed.
+        let failures =
+            ScriptErrorKind::ALL.map(Some).into_iter().filter(|_| !are_values_known && program.has_scripts());
+        let found = std::iter::once(None).chain(failures).map(|failure| {
+            let mut next = state.clone();
+            failure.into_iter().for_each(|failure| next.fail_script(failure));
+            let expected = reaction(&program, &mut next, seen);
+            (is_same(&expected, seen, are_values_known), expected, next)
+        });
+        let mut found: Vec<(bool, StepRecord, State)> = found.collect();
+        let place = found.iter().position(|(is_same, ..)| *is_same);
+        let (_, expected, next) = found.swap_remove(place.unwrap_or(0));
+        if place.is_none() {
             return Some(teller.finding(&steps[..=index], &expected));
         }
+        state = next;
     }
     None
+}
+
+/// Returns the step of the program for the event of a step in the record.
+fn reaction(program: &Program, state: &mut State, seen: &StepRecord) -> StepRecord {
+    let mut commands = Vec::new();
+    let outcome = step(program, state, seen.event.clone(), &mut commands);
+    StepRecord::new(seen.event.clone(), commands, outcome)
+}
+
+/// Returns whether two steps have the same commands and the same outcome.
+fn is_same(expected: &StepRecord, seen: &StepRecord, are_values_known: bool) -> bool {
+    if are_values_known {
+        return (&expected.commands, &expected.outcome) == (&seen.commands, &seen.outcome);
+    }
+    let (expected, seen) = (expected.clone().without_values(), seen.clone().without_values());
+    let script = |step: &StepRecord| match &step.outcome {
+        Some(Outcome::Aborted(Reason { cause: Cause::Script(error), .. })) => Some(error.kind),
+        Some(Outcome::Aborted(_) | Outcome::Done(_) | Outcome::Stopped) | None => None,
+    };
+    let has_same_end = match (script(&expected), script(&seen)) {
+        (None, None) => expected.outcome == seen.outcome,
+        (one, other) => one == other,
+    };
+    has_same_end && expected.commands == seen.commands
 }
 
 struct Teller<'t, 'a> {

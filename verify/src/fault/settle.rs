@@ -90,6 +90,7 @@ pub(super) fn settle<'s>(
                 | Label::Aborted(..)
                 | Label::Elapsed(..)
                 | Label::Told(..)
+                | Label::Script(..)
                 | Label::Died(..)
                 | Label::TooMany(_)
                 | Label::Fault(..)

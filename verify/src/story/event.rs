@@ -20,6 +20,7 @@ pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
         Label::Stopped(unit, slot) => TraceEvent::Stopped(member(unit, slot)?),
         Label::Elapsed(unit, timer) => TraceEvent::Elapsed(group(unit)?, u32::from(timer) + 1),
         Label::Told(unit, number) => TraceEvent::Told(group(unit)?, u32::from(number) + 1),
+        Label::Script(unit, kind) => TraceEvent::Script(group(unit)?, kind),
         Label::Reached(unit) => TraceEvent::Reached(group(unit)?),
         Label::Arrived(unit, slot) => TraceEvent::Arrived(member(unit, slot)?),
         Label::Heard(unit, slot) => TraceEvent::Heard(member(unit, slot)?),

@@ -4,6 +4,7 @@ use super::{Ends, FaultKind, Frame, Injection, Label, Occupant, Phase, System, s
 use crate::system::MemberRef;
 use language::algebra::Activity;
 use language::automaton::Failure;
+use language::script::ScriptErrorKind;
 
 impl System<'_> {
     /// Appends all events that may happen next.
@@ -43,6 +44,9 @@ impl System<'_> {
                 labels.extend(self.messages(unit).map(|number| Label::Told(small(unit), number)));
             }
             let program = self.program(unit);
+            if self.mode.aborts && self.units[unit].packing.may_fail_script(program, &frame.states[unit]) {
+                labels.extend(ScriptErrorKind::ALL.map(|kind| Label::Script(small(unit), kind)));
+            }
             for timer in 0..program.timers() {
                 if frame.states[unit].is_armed(program, timer) && self.clocks.may_elapse(frame, unit, program, timer) {
                     labels.push(Label::Elapsed(small(unit), small(timer as usize)));
@@ -150,9 +154,13 @@ impl System<'_> {
                 let calm = self.calm(unit, member).map_or(&[][..], |calm| &calm.aborted);
                 calm.iter().any(|report| self.number(report) == why)
             }
-            Label::Stop | Label::Died(..) | Label::TooMany(_) | Label::Fault(..) | Label::Second(..) | Label::Lost => {
-                false
-            }
+            Label::Stop
+            | Label::Script(..)
+            | Label::Died(..)
+            | Label::TooMany(_)
+            | Label::Fault(..)
+            | Label::Second(..)
+            | Label::Lost => false,
         }
     }
 

@@ -6,6 +6,7 @@ use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase
 use crate::system::MemberRef;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
 use language::automaton::Failure;
+use language::script::ScriptErrorKind;
 use std::collections::VecDeque;
 
 /// Every activation of an explored state has this number.
@@ -141,6 +142,10 @@ impl Reaction<'_, '_> {
                 let event = Event::Elapsed { timer: u32::from(timer), activation: ACTIVATION };
                 Some((usize::from(unit), event))
             }
+            Label::Script(unit, kind) => {
+                self.fail_script(usize::from(unit), kind);
+                None
+            }
             Label::Told(unit, number) => {
                 let message = self.system.told(usize::from(unit), number)?;
                 Some((usize::from(unit), message))
@@ -164,6 +169,14 @@ impl Reaction<'_, '_> {
         self.frame.phase = Phase::Running;
         self.change(0, None, || Changed::Started);
         (0, Event::Start(value))
+    }
+
+    /// Lets the next script of a unit fail.
+    fn fail_script(&mut self, unit: usize, kind: ScriptErrorKind) {
+        let (program, words) = (self.system.program(unit), &mut self.frame.states[unit]);
+        for (item, word) in self.system.units[unit].packing.fail_script(program, words, kind) {
+            self.journal.push((unit, item, words.set(item, word)));
+        }
     }
 
     fn strikes(&mut self, unit: u16, member: u16, fault: Option<Injection>) -> Option<(usize, Event)> {

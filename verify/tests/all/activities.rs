@@ -340,6 +340,32 @@ process main(){{
     assert_eq!(codes(&text(one)), ["E0812"], "`two` never begins");
 }
 
+/// The value of a script is unknown, and each script may fail for both reasons. Without a script, no arm for these
+/// reasons begins. The script never runs: this one would use up its budget.
+#[test]
+fn a_script_may_fail_for_both_reasons() {
+    let text = |action: &str| {
+        format!(
+            "{MODULES}
+activity A(h: Host){{
+    look instof Work(h);
+    var tries: 0..3 = 0;
+    var word: opaque Text = ();
+    initial state s {{ run look; on done -> t {{ {action} tries = 2; }} }}
+    state t {{ on always when tries == 2 -> done; }}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\"); one instof Go(\"c1\"); two instof Go(\"c1\"); }}
+    internal_event_actions{{ a else match {{ script_budget => one, script_failed => two }} }}
+    verify{{ can finish; }}
+}}"
+        )
+    };
+    assert_eq!(codes(&text("word = script { loop {} };")), Vec::<String>::new());
+    assert_eq!(codes(&text("")), ["E0812"]);
+}
+
 /// The ports of an activity are a program that no event action runs: `verify` and `fmea` do not mention it.
 #[test]
 fn connections_change_nothing_of_a_proof() {

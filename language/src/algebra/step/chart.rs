@@ -76,6 +76,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     fn react_to(&mut self, node: usize, mut events: VecDeque<Event>) -> Option<Outcome> {
         let chart = self.program.chart.as_deref()?;
         let (mut commands, mut instants) = (Vec::new(), 0);
+        self.state.chart.as_deref_mut()?.begin_reaction();
         while let Some(event) = events.pop_front() {
             let configuration = self.state.chart.as_deref_mut()?;
             let outcome = automaton::step(&chart.automaton, configuration, event, &mut commands);

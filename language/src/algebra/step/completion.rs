@@ -210,6 +210,7 @@ fn report(cause: Cause) -> Value {
     match cause {
         Cause::Failed(why) => Value::new(why.as_bytes()),
         Cause::Reported(report) => words.map_or(report, |words| Value::new(words.as_bytes())),
+        Cause::Script(error) => Value::new(error.to_string().as_bytes()),
         Cause::Busy | Cause::StopUnconfirmed | Cause::ServiceEnded | Cause::NoMatch => {
             Value::new(words.unwrap_or_default().as_bytes())
         }

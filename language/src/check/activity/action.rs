@@ -1,8 +1,8 @@
 //! The actions of transitions: assignments, values that are kept and sent, signals, and lines that people read.
 
-use super::ActivityReader;
 use super::domain::Domain;
 use super::formula::{Infix, infixes};
+use super::{ActivityReader, script};
 use crate::automaton::{Action, Formula, Fragment, ValueSource};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{self, Constant, Dot, Equals, LeftParen, Minus, Number, Plus, Text};
@@ -35,6 +35,9 @@ impl ActivityReader<'_, '_> {
         if node.token(Equals).is_none() {
             let name = names.get(1)?;
             return self.raised(name);
+        }
+        if let Some(script) = node.token(SyntaxKind::Script) {
+            return script::read(self, first, &script, node);
         }
         if let Some(slot) = self.kept(&first.text) {
             return Some(Action::Keep { slot, value: self.value_of(&formula?, event)? });

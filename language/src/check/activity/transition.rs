@@ -3,6 +3,8 @@
 use super::{ActivityReader, TransitionText, formula, notice, outcome, question};
 use crate::automaton::{StateKind, Target, Transition, Trigger};
 use crate::check::expression::catch;
+use crate::check::scripts::has_word;
+use crate::check::spec::{Readable, ReadableValue};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::TIMER_LEAST;
 use crate::source::Span;
@@ -75,6 +77,8 @@ impl ActivityReader<'_, '_> {
             (None, Some(target)) => self.target(&target, state, value),
             (None, None) => Some(Target::Stay),
         };
+        let event = ReadableValue::Event { trigger: awaited.trigger.clone(), state };
+        self.scripts.event = value.map(|name| Readable { name: name.to_owned(), value: event });
         let actions = self.actions(node, value);
         let Some(target) = target else { return };
         let Some(internal) = self.internal(node, &target, state) else { return };
@@ -123,6 +127,7 @@ impl ActivityReader<'_, '_> {
             let message = "`on entry` and `on exit` can contain only actions";
             return self.report(Diagnostic::new(Code::E0902, extra.span(), message));
         }
+        self.scripts.event = None;
         let actions = self.actions(node, None);
         let state = &mut self.chart.states[state];
         if is_entry { &mut state.entry } else { &mut state.exit }.extend(actions);
@@ -269,6 +274,9 @@ fn is_used(node: &Node, name: &str) -> bool {
     let parts = node.children().filter(|part| [SyntaxKind::Target, SyntaxKind::Block].contains(&part.kind()));
     parts.into_iter().any(|part| {
         let tokens = part.syntax().descendants_with_tokens().filter_map(rowan::NodeOrToken::into_token);
-        tokens.into_iter().any(|token| token.kind() == SyntaxKind::Ident && token.text() == name)
+        let is_name = |token: &rowan::SyntaxToken<_>| token.kind() == SyntaxKind::Ident && token.text() == name;
+        let is_in_script =
+            |token: &rowan::SyntaxToken<_>| token.kind() == SyntaxKind::Script && has_word(token.text(), name);
+        tokens.into_iter().any(|token| is_name(&token) || is_in_script(&token))
     })
 }

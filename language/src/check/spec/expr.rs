@@ -1,10 +1,11 @@
 //! Checked event actions: expressions, and the charts of activities.
 
-use super::{Outcome, Port, Value};
-use crate::automaton::{Failure, StateKind};
+use super::{Kind, Outcome, Port, Value};
+use crate::automaton::{Failure, StateKind, Trigger};
 use crate::plan::StateChart;
 use crate::source::Span;
 use crate::syntax::ast::Name;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// An event-action expression, in which slots replace names.
@@ -87,6 +88,41 @@ pub(crate) struct ChartModel {
     pub(crate) ports: Vec<Port>,
     /// The normal ends of the activity, if they have names.
     pub(crate) outcomes: Vec<Outcome>,
+    /// The declared types of opaque variables, by slot.
+    pub(crate) kinds: BTreeMap<usize, Kind>,
+    /// The scripts, in the order of the chart.
+    pub(crate) scripts: Vec<ScriptModel>,
+}
+
+/// A script of an activity, before the types of its values are known.
+#[derive(Debug)]
+pub(crate) struct ScriptModel {
+    /// The text with its braces.
+    pub(crate) span: Span,
+    /// The variable that gets the result.
+    pub(crate) variable: Name,
+    /// The slot of this variable.
+    pub(crate) slot: usize,
+    /// The names that the script may read.
+    pub(crate) known: Vec<Readable>,
+}
+
+/// A name that a script may read.
+#[derive(Debug)]
+pub(crate) struct Readable {
+    pub(crate) name: String,
+    pub(crate) value: ReadableValue,
+}
+
+/// The value of a name that a script may read.
+#[derive(Clone, Debug)]
+pub(crate) enum ReadableValue {
+    /// A finite variable.
+    Variable(usize),
+    /// An opaque variable: its slot.
+    Slot(usize),
+    /// The value of the event of a transition that leaves this state.
+    Event { trigger: Trigger, state: usize },
 }
 
 impl ChartModel {

@@ -2,7 +2,7 @@
 
 use super::start::{Taker, declared, nothing, takers};
 use crate::check::diagnostics::Diagnostics;
-use crate::check::spec::{Arm, Expr, ExprKind, Module, Outcome, Param, Process, Spec, StartValue, Target};
+use crate::check::spec::{Arm, Expr, ExprKind, Kind, Module, Outcome, Param, Process, Spec, StartValue, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use crate::syntax::ast::Name;
@@ -47,6 +47,16 @@ pub(in crate::check) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
                 .visit(actions, &Left::open());
         }
     }
+}
+
+/// Returns the type of the value of an outcome with which an expression may be done. Returns none if the type is not
+/// known, or if there are several types.
+pub(super) fn outcome_kind<'a>(spec: &'a Spec, process: &'a Process, expr: &'a Expr, tag: &str) -> Option<&'a Kind> {
+    let left = left(spec, process, expr, &mut vec![None; spec.processes.len()]);
+    let mut kinds =
+        left.outcomes.values().filter(|outcome| outcome.name.text == tag).map(|outcome| outcome.kind.as_ref());
+    let first = kinds.next().flatten().filter(|_| !left.is_open)?;
+    kinds.all(|other| other.is_some_and(|other| spec.is_same(first, other))).then_some(first)
 }
 
 fn names_results(expr: &Expr) -> bool {

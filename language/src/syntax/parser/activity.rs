@@ -48,7 +48,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `var tries: 0..3 = 0;`, `var mode: slow | fast = slow;`, `var place: opaque = ();`
+    /// `var tries: 0..3 = 0;`, `var mode: slow | fast = slow;`, `var place: opaque = ();`, `var place: opaque Pose = ();`
     fn state_variable(&mut self) {
         self.start(SyntaxKind::StateVariable);
         self.bump();
@@ -60,7 +60,11 @@ impl Parser<'_> {
                 self.expect(DotDot);
                 self.plain_number();
             } else {
+                let may_have_type = self.at_word("opaque");
                 self.expect_name("`bool`, a range such as `0..3`, names such as `slow | fast`, or `opaque`");
+                if may_have_type && self.at_any(&[Ident, LeftBrace]) {
+                    self.type_name();
+                }
                 while self.eat(Bar) {
                     self.expect_name("a name");
                 }
@@ -313,7 +317,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `tries += 1;`, `where = p;`, `say.send("hello");`, `log("now " + tries);`, `raise found;`
+    /// `tries += 1;`, `where = p;`, `where = script { seen[0] };`, `say.send("hello");`, `log("now " + tries);`, `raise found;`
     fn block_statement(&mut self) {
         self.start(SyntaxKind::Statement);
         let is_call = self.at_word("log") && self.kind(1) == LeftParen;
@@ -338,12 +342,19 @@ impl Parser<'_> {
             if self.at_any(&[Plus, Minus]) {
                 self.bump();
             }
-            if self.expect(Equals) {
+            if self.expect(Equals) && !self.script() {
                 self.formula();
             }
         }
         self.end_statement();
         self.finish();
+    }
+
+    /// `script { let best = seen[0]; best }`
+    fn script(&mut self) -> bool {
+        let is_script = self.at_word("script") && self.kind(1) == SyntaxKind::Script;
+        (0..if is_script { 2 } else { 0 }).for_each(|_| self.bump());
+        is_script
     }
 
     /// `tries < 3 && !busy`

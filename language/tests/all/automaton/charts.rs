@@ -1,17 +1,24 @@
 //! Random activities: small trees with all kinds of states, triggers and actions.
 
 use crate::random::Random;
+use language::Layout;
 use language::algebra::Value;
 use language::automaton::{
     Action, Chart, ChartState, Failure, Formula, Fragment, History, Relation, StateKind, Target, Transition, Trigger,
     ValueSource, Variable,
 };
+use language::script::{Script, ScriptInput, ScriptResult, ScriptSource};
 use std::time::Duration;
 
 pub(super) const FILTERS: usize = 2;
 pub(super) const NOTICES: usize = 2;
 pub(super) const PORTS: usize = 2;
 pub(super) const TAGS: [&str; 2] = ["found", "lost"];
+/// The scripts: a formula, a kept number, an error, and a script without an end.
+pub(super) const SUM: &str = "v0 * 2 + v1";
+pub(super) const COPY: &str = "s0";
+pub(super) const THROW: &str = "throw \"no\"";
+pub(super) const ENDLESS: &str = "fn again() { again() }\nagain()";
 const SIGNALS: usize = 3;
 const VARIABLES: usize = 2;
 const SLOTS: usize = 2;
@@ -22,6 +29,7 @@ pub(super) fn chart(random: &mut Random, size: usize) -> Chart {
     maker.chart.variables = (0..VARIABLES)
         .map(|number| Variable { name: format!("v{number}"), min: -1, max: 2, initial: 0, names: Vec::new() })
         .collect();
+    maker.chart.scripts = scripts();
     maker.grow(None, size, 1);
     maker.begin();
     for state in 0..maker.chart.states.len() {
@@ -30,6 +38,19 @@ pub(super) fn chart(random: &mut Random, size: usize) -> Chart {
     let mut transitions = std::mem::take(&mut maker.chart.transitions);
     transitions.sort_by_key(|transition| transition.source);
     Chart { transitions, ..maker.chart }
+}
+
+fn scripts() -> Vec<Script> {
+    let number = || Layout::Number { of: "Number".to_owned() };
+    let input = |name: &str, source: ScriptSource| ScriptInput { name: name.to_owned(), source };
+    let inputs = || {
+        let variables = (0..VARIABLES).map(|number| input(&format!("v{number}"), ScriptSource::Variable(number)));
+        variables.collect()
+    };
+    let kept = vec![input("s0", ScriptSource::Slot { slot: 0, layout: number() })];
+    let all = [(SUM, inputs()), (COPY, kept), (THROW, vec![]), (ENDLESS, vec![])];
+    let result = || ScriptResult { variable: "s".to_owned(), of: "Number".to_owned(), layout: number() };
+    all.map(|(text, inputs)| Script { text: text.to_owned(), inputs, result: result() }).to_vec()
 }
 
 struct Maker<'a> {
@@ -189,7 +210,7 @@ impl Maker<'_> {
     }
 
     fn action(&mut self) -> Action {
-        match self.random.below(6) {
+        match self.random.below(7) {
             0..=1 => Action::Assign { variable: self.random.below(VARIABLES), formula: self.formula(2) },
             2 => Action::Keep { slot: self.random.below(SLOTS), value: self.value() },
             // Signals that raise signals fill whole reactions, and each costs as much as a thousand other events.
@@ -198,6 +219,11 @@ impl Maker<'_> {
                 Action::Log(vec![Fragment::Name(self.formula(2), vec!["slow".into(), "fast".into()])])
             }
             4 => Action::Log(vec![Fragment::Text("n ".into()), Fragment::Number(self.formula(2))]),
+            5 => {
+                // Most scripts shall give a value.
+                let scripts = if self.random.one_in(4) { self.chart.scripts.len() } else { 2 };
+                Action::Compute { slot: self.random.below(SLOTS), script: self.random.below(scripts) }
+            }
             _ => Action::Send { output: self.random.below(9), value: self.value() },
         }
     }

@@ -70,6 +70,7 @@ impl<'a> Both<'a> {
 
     fn send(&mut self, alone: automaton::Event, grouped: algebra::Event) -> Option<Outcome> {
         let (mut expected, mut found) = (vec![], vec![]);
+        self.configuration.begin_reaction();
         let outcome = automaton::step(self.automaton, &mut self.configuration, alone, &mut expected);
         let same = algebra::step(&self.program, &mut self.state, grouped, &mut found);
         let expected: Vec<algebra::Command> = expected.into_iter().map(|command| self.grouped(command)).collect();

@@ -7,8 +7,10 @@
 mod place;
 
 use self::place::Place;
+use super::charts::{COPY, ENDLESS, SUM, THROW};
 use language::algebra::{Activation, Cause, Outcome, Reason, Value};
 use language::automaton::{Action, Chart, Command, Event, Fragment, StateKind, Target, Trigger, ValueSource};
+use language::script::{ScriptError, ScriptErrorKind};
 use std::collections::{BTreeMap, BTreeSet};
 
 type Set = BTreeSet<usize>;
@@ -46,6 +48,8 @@ pub(super) struct Machine<'a> {
     wait: Option<Wait>,
     error: Option<Reason>,
     commands: Vec<Command>,
+    /// How many scripts have run in this reaction.
+    scripts: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -73,6 +77,7 @@ impl<'a> Machine<'a> {
             wait: None,
             error: None,
             commands: vec![],
+            scripts: 0,
         }
     }
 
@@ -89,6 +94,7 @@ impl<'a> Machine<'a> {
 
     /// Takes an event.
     pub(super) fn handle(&mut self, event: Event) -> (Vec<Command>, Option<Outcome>) {
+        self.scripts = 0;
         let outcome = self.react(event);
         (std::mem::take(&mut self.commands), outcome)
     }
@@ -427,7 +433,31 @@ impl<'a> Machine<'a> {
                     self.commands.push(Command::Send { output: *output, value });
                 }
                 Action::Log(fragments) => self.commands.push(Command::Log(self.line(fragments))),
+                Action::Compute { slot, script } => match self.computed(&self.chart.scripts[*script].text) {
+                    Ok(value) => self.slots[*slot] = value,
+                    Err((kind, why)) => {
+                        let cause = Cause::Script(ScriptError { kind, why: why.into() });
+                        self.error = self.error.take().or(Some(Reason { member: None, cause }));
+                        return;
+                    }
+                },
             }
+        }
+    }
+
+    /// Returns the result of one of the scripts of random charts.
+    fn computed(&mut self, script: &str) -> Result<Value, (ScriptErrorKind, &'static str)> {
+        if self.scripts == 4 {
+            return Err((ScriptErrorKind::Budget, "more than 4 scripts in one reaction"));
+        }
+        self.scripts += 1;
+        match script {
+            SUM => Ok(Value::new(&f64::from(self.variables[0] * 2 + self.variables[1]).to_le_bytes())),
+            COPY if [0, 8].contains(&self.slots[0].bytes().len()) => Ok(self.slots[0].clone()),
+            COPY => Err((ScriptErrorKind::Failed, "the bytes of `s0` are not a value of its type")),
+            THROW => Err((ScriptErrorKind::Failed, "line 1 of the script: runtime error: no")),
+            ENDLESS => Err((ScriptErrorKind::Budget, "line 2 of the script: more than 8 calls inside each other")),
+            other => panic!("no random chart has the script `{other}`"),
         }
     }
 

@@ -5,6 +5,7 @@ use super::reference::Machine;
 use crate::random::Random;
 use language::algebra::{Activation, Cause, Outcome, Reason, Value};
 use language::automaton::{Automaton, Chart, Command, Configuration, Event, step};
+use language::script::ScriptErrorKind;
 use std::collections::BTreeMap;
 
 /// An activity that ends at once would do little else.
@@ -30,6 +31,7 @@ impl Pair<'_> {
     fn send(&mut self, event: &Event, figures: &mut Figures) -> Option<Outcome> {
         let mut commands = vec![];
         let was_waiting = self.configuration.is_waiting();
+        self.configuration.begin_reaction();
         let outcome = step(self.automaton, &mut self.configuration, event.clone(), &mut commands);
         let expected = self.machine.handle(event.clone());
         assert_eq!((&commands, &outcome), (&expected.0, &expected.1), "{event:?}");
@@ -58,6 +60,10 @@ impl Pair<'_> {
             }
             Some(Outcome::Aborted(Reason { cause: Cause::Failed(why), .. })) if why.contains("outside") => see("range"),
             Some(Outcome::Aborted(Reason { cause: Cause::StopUnconfirmed, .. })) => see("unconfirmed"),
+            Some(Outcome::Aborted(Reason { cause: Cause::Script(error), .. })) => see(match error.kind {
+                ScriptErrorKind::Budget => "script over budget",
+                ScriptErrorKind::Failed => "script failed",
+            }),
             Some(Outcome::Aborted(_)) => see("aborted"),
             None if was_waiting && !self.configuration.is_waiting() => see("waited"),
             None => {}
@@ -159,6 +165,7 @@ fn survey(activities: u64, size_max: u64, seed: u64) -> Figures {
         assert!(result.is_ok(), "seed {seed}, {chart:#?}");
     }
     let rare = ["done", "stopped", "livelock", "range", "unconfirmed", "aborted", "waited", "lost"];
+    let rare = rare.into_iter().chain(["script over budget", "script failed"]);
     for what in rare {
         assert!(figures.seen.get(what).is_some_and(|&count| count * 2000 > activities), "{what}: {figures:?}");
     }

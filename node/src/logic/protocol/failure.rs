@@ -6,6 +6,7 @@ use crate::logic::table::counted;
 use language::algebra::Value;
 use language::automaton::Failure as Reason;
 use language::plan::{LeafKind, Plan};
+use language::script::ScriptError;
 use serde::{Deserialize, Serialize};
 use shim::protocol::{EndReason, LimitKind, ShimReport};
 use std::fmt;
@@ -136,6 +137,8 @@ pub enum FailureCause {
     NoMatch,
     /// The `Stop()` of the program did not finish within its limit, so the program was ended.
     StopTimeout(#[serde(with = "comms::logic::human::seconds")] Duration),
+    /// A script of the activity gave no value.
+    Script(ScriptError),
 }
 
 /// How a program ended.
@@ -198,6 +201,7 @@ impl FailureCause {
             Self::Busy => Reason::Busy,
             Self::ServiceEnded => Reason::ServiceEnded,
             Self::NoMatch => Reason::NoMatch,
+            Self::Script(error) => Reason::of_script(error.kind),
             Self::Failed(text) => Reason::Failed(text.clone()),
             Self::StopUnconfirmed | Self::HostLostStopping(_) | Self::MayGoOn(_) => Reason::StopUnconfirmed,
             // These causes end a whole deployment, so no supervisor gets them.
@@ -257,6 +261,7 @@ impl fmt::Display for FailureCause {
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
             Self::NoMatch => f.write_str("no arm of `match` has this outcome"),
+            Self::Script(error) => f.write_str(&printable(&error.to_string())),
             Self::StopUnconfirmed => f.write_str("its stop could not be confirmed"),
             Self::MayGoOn(what) => write!(f, "its stop could not be confirmed: {}", printable(what)),
             Self::Exhausted { last, restarts } => {

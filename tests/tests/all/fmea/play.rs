@@ -170,6 +170,7 @@ impl Game<'_> {
                 | TraceEvent::Back(_)
                 | TraceEvent::TooMany(_)
                 | TraceEvent::Told(..)
+                | TraceEvent::Script(..)
                 | TraceEvent::Lost(_)
                 | TraceEvent::Cut(_)
                 | TraceEvent::Noted(_) => panic!("{}: the driver cannot let `{event}` happen", self.row.name),

@@ -4,7 +4,8 @@ use super::super::{Kind, Symbol};
 use super::Walk;
 use crate::check::is_activity;
 use crate::syntax::SyntaxKind;
-use crate::syntax::ast::{Name, Node};
+use crate::syntax::ast::{Name, Node, Token};
+use crate::syntax::lex;
 
 impl Walk<'_> {
     /// Declares the states, variables, ports and signals of an activity. From here on, the names have these meanings.
@@ -65,10 +66,30 @@ impl Walk<'_> {
             }
             SyntaxKind::Target | SyntaxKind::Formula | SyntaxKind::Statement => {
                 names.iter().for_each(|name| self.variable(Some(name)));
+                if let Some(script) = node.token(SyntaxKind::Script) {
+                    words(&script).iter().for_each(|name| self.variable(Some(name)));
+                }
             }
             SyntaxKind::Trigger => self.trigger(node, names),
             SyntaxKind::Pattern => self.outcome(names.first()),
             _ => {}
         }
     }
+}
+
+/// Returns the words of a script that may name variables: neither the field of a record nor a part of a text.
+fn words(script: &Token) -> Vec<Name> {
+    let text = script.text();
+    let tokens: Vec<_> = lex(text).into_iter().filter(|token| !token.kind.is_trivia()).collect();
+    let kind = |place: usize| tokens.get(place).map(|token| token.kind);
+    let is_field = |place: usize| {
+        place.checked_sub(1).and_then(kind) == Some(SyntaxKind::Dot) || kind(place + 1) == Some(SyntaxKind::Colon)
+    };
+    let names = tokens.iter().enumerate().filter(|(place, token)| token.kind == SyntaxKind::Ident && !is_field(*place));
+    let name = |(_, token): (usize, &crate::syntax::Token)| {
+        let (start, span) = (script.span().start, script.span());
+        let place = crate::source::Span { start: start + token.start, end: start + token.end, ..span };
+        Name { text: text[token.start as usize..token.end as usize].to_owned(), span: place }
+    };
+    names.map(name).collect()
 }
