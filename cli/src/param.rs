@@ -21,7 +21,7 @@ use node::console::{self, Failure};
 use node::logic::database::settings::{key_of_parameter, parameter_key, spelt, stands_for};
 use node::logic::parameters::no_parameter;
 use node::logic::printable::printable;
-use node::logic::protocol::{Deployment, InstanceParameters, ParameterStatus, leaves};
+use node::logic::protocol::{Deployment, InstanceParameters, NodeStatus, ParameterStatus, leaves};
 use node::logic::table::table;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -116,9 +116,11 @@ struct Reached {
 struct Found {
     programs: Vec<Program>,
     away: Absences,
-    /// The active programs, by deployment and path.
-    active: BTreeSet<(Deployment, String)>,
+    active: Active,
 }
+
+/// The active programs, by deployment and path.
+type Active = BTreeSet<(Deployment, String)>;
 
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
@@ -239,7 +241,7 @@ impl Set {
         let key = program.key(&parameter.name);
         console::note(&format!("{key} = {}", datum.to_toml()));
         self.commit.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])?;
-        console::note(&found.counts_from(program));
+        console::note(&format!("note: {}", program.counts_from(&found.active)));
         Ok(())
     }
 }
@@ -320,6 +322,18 @@ impl Program {
         set.or_else(|| status.given.as_ref().map(datum_of))
     }
 
+    /// Says when the program begins to use a value that it was just given.
+    fn counts_from(&self, active: &Active) -> String {
+        let (name, module) = (self.name(), &self.told.module);
+        if active.contains(&(self.told.deployment.clone(), self.told.path.clone())) {
+            format!(
+                "`{name}` runs: it uses the value at once if `{module}` accepts changes while it runs, otherwise at its next activation"
+            )
+        } else {
+            format!("`{name}` is not active: it uses the value from its next activation on")
+        }
+    }
+
     fn rows(&self) -> Vec<Vec<String>> {
         let statuses = self.told.parameters.iter().flatten();
         let row = |status: &ParameterStatus| {
@@ -359,18 +373,6 @@ impl Program {
 }
 
 impl Found {
-    /// Says when a program begins to use a value that it was just given.
-    fn counts_from(&self, program: &Program) -> String {
-        let (name, module) = (program.name(), &program.told.module);
-        if self.active.contains(&(program.told.deployment.clone(), program.told.path.clone())) {
-            format!(
-                "note: `{name}` runs: it uses the value at once if `{module}` accepts changes while it runs, otherwise at its next activation"
-            )
-        } else {
-            format!("note: `{name}` is not active: it uses the value from its next activation on")
-        }
-    }
-
     /// Returns the only matching program.
     fn one(&self, name: &ProcessName) -> Result<&Program, Failure> {
         let mut found = self.programs.iter().filter(|program| program.is_called(name));
@@ -433,10 +435,13 @@ fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
         // The warnings of the statuses name the hosts that do not answer.
         let Reached { programs, .. } = programs_of(databases).await?;
         let (nodes, away) = databases.statuses().await?;
-        let active = leaves(&nodes).into_iter().filter(|leaf| leaf.process.state == "running");
-        let active = active.map(|leaf| (leaf.deployment.clone(), leaf.process.path.clone())).collect();
-        Ok(Found { programs, away, active })
+        Ok(Found { programs, away, active: active(&nodes) })
     })
+}
+
+fn active(nodes: &[NodeStatus]) -> Active {
+    let active = leaves(nodes).into_iter().filter(|leaf| leaf.process.state == "running");
+    active.map(|leaf| (leaf.deployment.clone(), leaf.process.path.clone())).collect()
 }
 
 /// Returns the programs of the nodes that answer, with the values of their databases.

@@ -7,8 +7,10 @@
 pub(crate) mod foxglove;
 mod otlp;
 mod page;
+mod parameters;
 mod serve;
 mod visitors;
+mod ways;
 
 use crate::ConnectArgs;
 use crate::live::Live;

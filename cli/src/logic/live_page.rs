@@ -20,6 +20,7 @@ const PAGE: &str = include_str!("live_page/page.html");
 const STYLE: &str = include_str!("live_page/page.css");
 pub(crate) const SCRIPT: &str = include_str!("live_page/page.js");
 pub(crate) const MISSIONS: &str = include_str!("live_page/missions.js");
+pub(crate) const PARTS: &str = include_str!("live_page/parts.js");
 pub(crate) const ICON: &str = include_str!("live_page/icon.svg");
 
 /// Returns the page with the token of a session.

@@ -1,6 +1,6 @@
 //! Parameters for a view that stays connected: reads their present values, and changes them.
 
-use super::{Program, Reached, datum, programs_of};
+use super::{Program, Reached, active, datum, programs_of};
 use crate::client::{Client, words};
 use crate::db::databases::Databases;
 use crate::db::write::{CommitArgs, CommitProgress};
@@ -22,6 +22,44 @@ pub(crate) async fn read(client: &Client, all: &mut Parameters) -> Result<(), Fa
     all.answered.extend(answered);
     all.silent.extend(silent);
     Ok(())
+}
+
+/// Returns the parameters of all running programs that a connection reaches, as `dca param list --json` prints them. `all`
+/// gets the nodes that answer, the nodes that do not, and a sentence for each program whose parameters are not known.
+pub(crate) async fn list(client: &Client, all: &mut Parameters) -> Result<Vec<Value>, Failure> {
+    let Reached { programs, answered, silent } = programs_of(&through(client).await?).await?;
+    all.answered.extend(answered);
+    all.silent.extend(silent);
+    all.problems.extend(programs.iter().filter_map(|program| {
+        let name = program.name();
+        match (&program.told.ros_node, &program.told.parameters) {
+            (Some(_), _) => Some(format!("`{name}` is a ROS 2 node: `dca param list {name}` asks it")),
+            (None, None) => Some(format!("the parameters of `{name}` are not known")),
+            (None, Some(_)) => None,
+        }
+    }));
+    let ours = programs.iter().filter(|program| program.told.ros_node.is_none());
+    Ok(ours.flat_map(Program::json).collect())
+}
+
+/// Sets a parameter, or undoes its change. Returns a sentence that says when the program begins to use the value. Returns
+/// nothing if the connection does not reach the program.
+pub(crate) async fn change(
+    client: &Client,
+    commit: &CommitArgs,
+    given: &GivenValue,
+) -> Result<Option<String>, Failure> {
+    let databases = through(client).await?;
+    let Reached { programs, silent, .. } = programs_of(&databases).await?;
+    let Some((program, parameter)) = parameter_of(&programs, &given.name) else {
+        let why = silent.into_iter().next().map(|(host, why)| anyhow!("host `{host}` does not answer: {why}"));
+        return why.map_or(Ok(None), |why| Err(Failure::Unreachable(why)));
+    };
+    set_one(&databases, commit, program, parameter, given.value.as_ref()).await?;
+    Ok(Some(match databases.statuses().await {
+        Ok((nodes, _)) => program.counts_from(&active(&nodes)),
+        Err(failure) => format!("it is not known whether `{}` uses the value now: {}", program.name(), words(&failure)),
+    }))
 }
 
 /// Sets parameters, or undoes changes. Returns a sentence for each change that failed. `values` keeps the names of

@@ -1,8 +1,10 @@
 //! The page of a view for browsers: its connections, and the orders that they give.
 
+use super::parameters::ParameterChange;
 use super::results;
 use super::serve::{self, Order, Shared};
 use super::visitors::{ANSWERED_WITHIN, Limits, Visitors};
+use super::ways::WaysRequest;
 use crate::live::Live;
 use crate::logic::http::Door;
 use crate::logic::top::{Action, GivenAnswer};
@@ -21,11 +23,15 @@ use view::Model;
 const LIMITS: Limits = Limits { connections: 128, strangers: 64 };
 /// How many orders wait; further ones wait in their connections.
 const ORDERS_MAX: usize = 4;
+/// How many requests for connections to robots wait; further ones wait in their own connections.
+const WAYS_MAX: usize = 16;
 
 /// An event of the page.
 pub(super) enum PageEvent {
     Accepted(anyhow::Result<TcpStream>),
     Ordered(Order),
+    /// A connection needs a way to robots.
+    Wanted(WaysRequest),
     /// An order was given, or could not be.
     Given(Result<String, JoinError>),
 }
@@ -35,6 +41,7 @@ pub(super) struct Page {
     visitors: Visitors,
     shared: Arc<Shared>,
     orders: mpsc::Receiver<Order>,
+    wanted: mpsc::Receiver<WaysRequest>,
     given: JoinSet<String>,
 }
 
@@ -47,12 +54,13 @@ impl Page {
     ) -> anyhow::Result<Self> {
         let (visitors, address) = Visitors::listen("--page", address, LIMITS).await?;
         let (orders_tx, orders) = mpsc::channel(ORDERS_MAX);
+        let (ways, wanted) = mpsc::channel(WAYS_MAX);
         let door =
             Door { address: address.to_string(), port: address.port(), key: super::secret()?, token: super::secret()? };
         console::say(&format!("http://{address}/?key={}", door.key));
         console::note("open this link in a browser on this machine (Ctrl-C to leave)");
-        let shared = Arc::new(Shared { door, model, version, orders: orders_tx });
-        Ok(Self { visitors, shared, orders, given: JoinSet::new() })
+        let shared = Arc::new(Shared { door, model, version, orders: orders_tx, ways });
+        Ok(Self { visitors, shared, orders, wanted, given: JoinSet::new() })
     }
 
     /// Returns the next event.
@@ -63,6 +71,7 @@ impl Page {
         tokio::select! {
             accepted = self.visitors.next() => PageEvent::Accepted(accepted),
             Some(order) = self.orders.recv() => PageEvent::Ordered(order),
+            Some(wanted) = self.wanted.recv() => PageEvent::Wanted(wanted),
             Some(done) = self.given.join_next() => PageEvent::Given(done),
         }
     }
@@ -75,6 +84,7 @@ impl Page {
                 self.visitors.serve(|guest| serve::connection(stream, shared, guest));
             }
             PageEvent::Ordered(order) => drop(self.given.spawn(give(order, live, &self.shared))),
+            PageEvent::Wanted(wanted) => wanted.answer(live),
             PageEvent::Given(done) => drop(done?),
         }
         Ok(())
@@ -104,7 +114,9 @@ impl Page {
 /// Carries out an order of the page. Answers with a word about the result, and returns the result.
 fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = String> + Send + use<> {
     let Order { path, body, reply } = order;
-    let action = action(&shared.model(), &path, &body);
+    let model = shared.model();
+    let action = action(&model, &path, &body);
+    let change = if path == "/parameter" { ParameterChange::read(&body, live, &model) } else { None };
     let (clients, connect) = (live.clients(), live.connect());
     let home = if let Some(Action::Answer(answer)) = &action {
         live.client_of(&answer.mission.robot(&answer.mission.home))
@@ -118,7 +130,11 @@ fn give(order: Order, live: &Live, shared: &Shared) -> impl Future<Output = Stri
                 None => format!("`{}` does not answer", answer.mission.home),
             },
             Some(action) => orders::everywhere(&clients, &connect, &action).await,
-            None => "the question is no longer open".to_owned(),
+            None => match change {
+                Some(change) => change.carry_out().await,
+                None if path == "/parameter" => "NOT DONE: this order cannot be read".to_owned(),
+                None => "the question is no longer open".to_owned(),
+            },
         };
         // A browser that has left needs no word.
         drop(reply.send(word.clone()));

@@ -1,7 +1,9 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
+use super::parameters;
+use super::ways::WaysRequest;
 use crate::logic::http::{self, Door, Entry, Head, Status};
-use crate::logic::live_page::{self, Asked, ICON, MISSIONS, Past, SCRIPT};
+use crate::logic::live_page::{self, Asked, ICON, MISSIONS, PARTS, Past, SCRIPT};
 use comms::io::clock;
 use rustix::net::{RecvFlags, recv};
 use serde_json::{Value, json};
@@ -27,6 +29,7 @@ const AGAIN_AFTER: Duration = Duration::from_millis(200);
 pub(super) const ORDER_WITHIN: Duration = Duration::from_secs(60);
 
 const TEXT: &str = "text/plain; charset=utf-8";
+const JSON: &str = "application/json";
 
 /// An order of the page.
 pub(super) struct Order {
@@ -43,6 +46,7 @@ pub(super) struct Shared {
     /// Changes with each input of the model.
     pub(super) version: watch::Receiver<u64>,
     pub(super) orders: mpsc::Sender<Order>,
+    pub(super) ways: mpsc::Sender<WaysRequest>,
 }
 
 /// Tells whether a connection has shown the key.
@@ -132,8 +136,9 @@ async fn answer(
         (false, "/page.css") => ("text/css; charset=utf-8", live_page::style()),
         (false, "/page.js") => ("text/javascript; charset=utf-8", SCRIPT.to_owned()),
         (false, "/missions.js") => ("text/javascript; charset=utf-8", MISSIONS.to_owned()),
+        (false, "/parts.js") => ("text/javascript; charset=utf-8", PARTS.to_owned()),
         (false, "/picture" | "/timeline") => match drawn(shared, head).await {
-            Some(drawn) => ("application/json", drawn),
+            Some(drawn) => (JSON, drawn),
             None => return refuse(stream, Status::BadRequest).await,
         },
         (false, "/icon.svg") => ("image/svg+xml", ICON.to_owned()),
@@ -144,10 +149,21 @@ async fn answer(
         (false, "/events") => return events(stream, shared, &head.last_event_id).await,
         // A person who was not answered has given up, and does not expect it any more.
         (true, _) if is_left(stream) => return Ok(()),
-        (true, "/estop" | "/release" | "/answer") => (TEXT, order(shared, head, body).await),
+        (true, "/estop" | "/release" | "/answer" | "/parameter") => (TEXT, order(shared, head, body).await),
+        (true, "/parameters") => match parameters(shared).await {
+            Some(found) => (JSON, found),
+            None => return refuse(stream, Status::Busy).await,
+        },
         (_, _) => return stream.write_all(&http::answer(Status::NotFound, TEXT, "", b"there is no such page\n")).await,
     };
     stream.write_all(&http::answer(Status::Ok, kind, "", file.as_bytes())).await
+}
+
+/// Asks all robots for their parameters. Returns nothing if the view ends.
+async fn parameters(shared: &Shared) -> Option<String> {
+    let ways = WaysRequest::send(&shared.ways, None).await?;
+    let homes = parameters::homes(&shared.model());
+    Some(parameters::list(ways, homes).await.to_string())
 }
 
 /// Returns a picture or a timeline. None if the query cannot be read.

@@ -1,6 +1,7 @@
 //! The page of `dca view --page`, over direct connections and in a real browser.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable, wait_until};
+use dca_tests::hit_detector;
 use rustix::process::Signal;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -252,6 +253,21 @@ const PICTURED: &str = "
         internal_event_actions { inner, guard, one? }
     }";
 
+/// A program with parameters, whose threshold is never exceeded.
+const PUSHED: &str = concat!(
+    "\n",
+    hit_detector!("150 N"),
+    "
+    process main() {
+        host { c1 }
+        instantiated_processes {
+            world instof DoorWorld(c1, push_at = 0 s, push = 60 N);
+            hit instof HitDetector(c1);
+        }
+        internal_event_actions { ((world # wait(4 s)) ;; skip) # hit }
+    }"
+);
+
 /// Returns the number of the plan in the changes that a stream has sent.
 fn plan_number(seen: &str) -> Option<u64> {
     let (_, rest) = seen.rsplit_once("\"plan\":")?;
@@ -301,6 +317,52 @@ fn a_mission_has_pictures_and_a_timeline() {
     assert!(page.ask(&format!("GET /picture?{number}"), &cookie, "").contains("main/inner/deep"));
     let timeline = page.ask(&format!("GET /timeline?{number}"), &cookie, "");
     assert!(timeline.contains("mark bad") && timeline.contains("SIGSEGV"), "{timeline}");
+}
+
+/// A parameter is listed and changed as by `dca param`, and only by the page itself.
+#[test]
+fn a_parameter_is_changed_from_the_page() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let page = Page::open(&here);
+    let fields = page.fields_of_orders();
+    let list = || page.ask("POST /parameters", &fields, "{}");
+    assert!(list().contains("\"parameters\":[]"), "nothing runs");
+    let file = cluster.file("door.dca", PUSHED);
+    let mission = here.dca(&["deploy", "--no-record", &file]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    wait_until(SOON, || list().contains("\"threshold\"")).expect("the program has parameters");
+    let refused = page.ask("POST /parameters", &page.cookie(), "{}");
+    assert!(refused.starts_with("HTTP/1.1 403"), "{refused}");
+    let set = |name: &str, value: &str| {
+        let body = format!("{{\"robot\": \"c1\", \"name\": \"{name}\", \"value\": {value}}}");
+        page.ask("POST /parameter", &fields, &body)
+    };
+    let name = "door:main/hit/force.threshold";
+    let get = || here.ask(&["param", "get", "hit/force", "threshold"]).out;
+    for (name, value, why) in [
+        (name, "\"900 N\"", "expected a Force from 0 to 200 N"),
+        (name, "\"much\"", "expected a Force"),
+        (name, "\"\"", "expected a Force"),
+        (name, "[1]", "this order cannot be read"),
+        ("door:main/hit/force.treshold", "\"5\"", "did you mean `threshold`?"),
+        ("door:main/none.threshold", "\"5\"", "there is no such parameter"),
+        ("<img src=x>", "\"5\"", "there is no such parameter"),
+    ] {
+        let answer = set(name, value);
+        assert!(answer.contains("NOT DONE") && answer.contains(why), "{name} {value}: {answer}");
+    }
+    let answer = page.ask("POST /parameter", &fields, &format!("{{\"robot\": \"c9\", \"name\": \"{name}\"}}"));
+    assert!(answer.contains("NOT DONE") && answer.contains("`c9` does not answer"), "{answer}");
+    assert_eq!(get(), "150.0\n");
+    let answer = set(name, "\"0.1 kN\"");
+    assert!(answer.contains("is set to 0.1 kN") && answer.contains("it uses the value at once if"), "{answer}");
+    assert_eq!(get(), "100.0\n");
+    assert!(list().contains("\"value\":100.0"), "{}", list());
+    let answer = set(name, "null");
+    assert!(answer.contains("has the value of the spec again"), "{answer}");
+    assert_eq!(get(), "150.0\n");
 }
 
 /// A person at a browser.

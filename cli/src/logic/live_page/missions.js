@@ -2,6 +2,8 @@
 // The missions of a live view: their graphs, activities, timelines and processes. Texts of robots become text nodes. The pictures
 // come from the view itself, as SVG whose texts are escaped.
 const byId = (id) => document.getElementById(id);
+// Each order and each question repeats it.
+const token = document.querySelector("meta[name=dca-token]").content;
 const model = { robots: new Map(), deployments: new Map(), processes: new Map(), wires: new Map(), events: [], questions: [] };
 const INDENT = 16;
 // Each mark has a sign, so that no state is told by colour alone.

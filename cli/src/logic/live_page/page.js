@@ -1,6 +1,6 @@
 "use strict";
-// The page of a live view. Texts of robots become text nodes, so nothing of them is markup. `missions.js` draws the missions.
-const token = document.querySelector("meta[name=dca-token]").content;
+// The page of a live view. Texts of robots become text nodes, so nothing of them is markup. `missions.js` draws the missions, and
+// `parts.js` the parts that ask robots.
 const EVENTS_MAX = 500;
 // Seconds without a sign of the view after which an order is taken back.
 const GIVE_UP_AFTER = 5;
@@ -234,4 +234,5 @@ setInterval(() => {
   drawRobots();
   drawAlarms();
   fetchPictures();
+  fetchParts();
 }, 500);

@@ -15,15 +15,15 @@ use view::{Fleet, Input, Position, RobotId};
 fn nothing_runs_within_the_page() {
     let page = page("a\"b");
     assert!(page.contains("content=\"a&quot;b\""));
-    for file in ["missions", "page"] {
+    for file in ["missions", "parts", "page"] {
         assert!(page.contains(&format!("<script src=\"/{file}.js\" defer></script>")), "{file}");
     }
-    assert_eq!(page.matches("<script").count(), 2);
+    assert_eq!(page.matches("<script").count(), 3);
     let within = ["style=", "onclick", "onload", "javascript:", "http:", "https:"];
     assert!(within.iter().all(|word| !page.contains(word)), "{page}");
     // Texts of robots become text nodes.
     let markup = ["innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("];
-    assert!(markup.iter().all(|word| !SCRIPT.contains(word) && !MISSIONS.contains(word)));
+    assert!(markup.iter().all(|word| [SCRIPT, MISSIONS, PARTS].iter().all(|script| !script.contains(word))));
 }
 
 #[test]

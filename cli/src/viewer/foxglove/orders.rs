@@ -1,9 +1,8 @@
 //! Carries out the orders of clients.
 
+use super::super::parameters::{commit, homes};
 use super::super::serve::ORDER_WITHIN;
 use crate::client::{Client, Clients, words};
-use crate::db::databases::DatabaseArgs;
-use crate::db::write::CommitArgs;
 use crate::io::taps::Taps;
 use crate::io::user;
 use crate::live::Live;
@@ -25,8 +24,6 @@ use view::{Model, RobotId};
 
 /// How long a procedure has to answer. A client such as Foxglove waits without an end.
 const CALL_WITHIN: Duration = Duration::from_secs(10);
-/// How long a change of a parameter has to be on a disk.
-const COMMIT_WITHIN: Duration = Duration::from_secs(5);
 
 /// The result of an order.
 pub(super) struct Carried {
@@ -63,18 +60,6 @@ pub(super) fn give(
         });
         Carried { viewer, ticket, answer }
     }
-}
-
-fn homes(model: &Model) -> BTreeMap<String, String> {
-    let running = model.deployments().filter(|live| live.end.is_none());
-    let programs = running.flat_map(|live| {
-        let name = |path: &String| format!("{}:{path}", live.id.deployment.name);
-        live.processes
-            .iter()
-            .filter(|(_, one)| one.pid.is_some())
-            .map(move |(path, one)| (name(path), one.host.clone()))
-    });
-    programs.collect()
 }
 
 /// Returns the robot of a program.
@@ -116,8 +101,7 @@ pub(super) async fn parameters(clients: &Clients) -> Parameters {
 
 async fn set_parameters(ways: &Ways, mut values: Vec<GivenValue>) -> Answer {
     let names: Vec<String> = values.iter().map(|one| one.name.clone()).collect();
-    let database = DatabaseArgs::of(ways.connect.clone());
-    let commit = CommitArgs::local("set in a viewer".to_owned(), COMMIT_WITHIN, database);
+    let commit = commit(ways.connect.clone());
     let mut problems = Vec::new();
     for client in ways.clients.iter() {
         if values.is_empty() {
