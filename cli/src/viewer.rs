@@ -4,6 +4,7 @@
 //! The servers listen on this machine alone. Neither other users of the machine nor pages of other sites can read or give orders.
 //! Orders have the rights of the user of this command.
 
+mod database;
 pub(crate) mod foxglove;
 mod otlp;
 mod page;

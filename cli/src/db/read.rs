@@ -53,7 +53,7 @@ impl Get {
 }
 
 /// Returns the writes to a key. If there are none, returns the default of its schema.
-async fn stored(databases: &Databases<'_>, key: &Key) -> Result<(Vec<Version>, Option<Datum>), Failure> {
+pub(crate) async fn stored(databases: &Databases<'_>, key: &Key) -> Result<(Vec<Version>, Option<Datum>), Failure> {
     let reply = databases.ask_one(databases.robot(), Question::Get { key: key.clone() }).await?;
     let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
     let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
@@ -93,6 +93,6 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
 }
 
 /// Returns the value that a read shows for these writes.
-fn shown(versions: &[Version]) -> Option<Datum> {
+pub(crate) fn shown(versions: &[Version]) -> Option<Datum> {
     versions.last()?.value.as_ref().map(Datum::of)
 }

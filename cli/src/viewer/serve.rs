@@ -1,5 +1,6 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
+use super::database::Lookup;
 use super::parameters;
 use super::ways::WaysRequest;
 use crate::logic::http::{self, Door, Entry, Head, Status};
@@ -150,6 +151,10 @@ async fn answer(
         // A person who was not answered has given up, and does not expect it any more.
         (true, _) if is_left(stream) => return Ok(()),
         (true, "/estop" | "/release" | "/answer" | "/parameter") => (TEXT, order(shared, head, body).await),
+        (true, "/database") => match lookup(shared, body).await {
+            Some(found) => (JSON, found),
+            None => return refuse(stream, Status::BadRequest).await,
+        },
         (true, "/parameters") => match parameters(shared).await {
             Some(found) => (JSON, found),
             None => return refuse(stream, Status::Busy).await,
@@ -164,6 +169,17 @@ async fn parameters(shared: &Shared) -> Option<String> {
     let ways = WaysRequest::send(&shared.ways, None).await?;
     let homes = parameters::homes(&shared.model());
     Some(parameters::list(ways, homes).await.to_string())
+}
+
+/// Asks the database of a robot. Returns nothing if the question cannot be read, or if the view ends.
+async fn lookup(shared: &Shared, body: &[u8]) -> Option<String> {
+    let body = serde_json::from_slice(body).ok()?;
+    let lookup = match Lookup::read(&body, &shared.model()) {
+        Ok(lookup) => lookup,
+        Err(why) => return Some(json!({ "why": why }).to_string()),
+    };
+    let ways = WaysRequest::send(&shared.ways, Some(lookup.robot.clone())).await?;
+    Some(lookup.ask(ways).await.to_string())
 }
 
 /// Returns a picture or a timeline. None if the query cannot be read.

@@ -365,6 +365,44 @@ fn a_parameter_is_changed_from_the_page() {
     assert_eq!(get(), "150.0\n");
 }
 
+/// The keys of a robot are shown with their history, and hostile values stay text.
+#[test]
+fn the_database_of_a_robot_is_read_from_the_page() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let page = Page::open(&here);
+    let fields = page.fields_of_orders();
+    let ask = |key: &str| page.ask("POST /database", &fields, &format!("{{\"robot\": \"c1\", \"key\": \"{key}\"}}"));
+    wait_until(SOON, || ask("").contains("\"keys\"")).expect("the robot is known");
+    for (key, value) in [("robot/c1/gain", "1.5"), ("robot/c1/gain", "2.5"), ("robot/c1/gain2", "\"<img src=x>\"")] {
+        let put = here.ask(&["db", "put", key, value, "-m", &format!("it was set to {value}")]);
+        assert_eq!(put.code, Some(0), "{put}");
+    }
+    let listed = ask("robot/c1/");
+    assert!(listed.contains("{\"key\":\"robot/c1/gain\",\"value\":\"2.5\",\"writes\":1}"), "{listed}");
+    assert!(listed.contains("application/json") && listed.contains("<img src=x>"), "{listed}");
+    let one = ask("robot/c1/gain");
+    for part in ["\"value\":\"2.5\"", "it was set to 1.5", "it was set to 2.5", "\"conflicts\":null"] {
+        assert!(one.contains(part), "{part}: {one}");
+    }
+    assert!(!one.contains("<img"), "another key is not part of it: {one}");
+    assert!(ask("robot/c1/none").contains("\"value\":null"));
+    for (body, why) in [
+        ("{\"robot\": \"c9\", \"key\": \"\"}", "there is no robot `c9`"),
+        ("{\"robot\": \"c1\", \"key\": \"//\"}", "\"why\""),
+        ("{\"robot\": 5}", "there is no robot"),
+        ("no JSON", "400"),
+    ] {
+        let answer = page.ask("POST /database", &fields, body);
+        assert!(answer.contains(why), "{body}: {answer}");
+    }
+    for fields in [String::new(), page.cookie()] {
+        let refused = page.ask("POST /database", &fields, "{\"robot\": \"c1\", \"key\": \"\"}");
+        assert!(refused.starts_with("HTTP/1.1 403"), "{refused}");
+    }
+}
+
 /// A person at a browser.
 struct Browser {
     child: Child,

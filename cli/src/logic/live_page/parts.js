@@ -107,7 +107,79 @@ class ParametersPart extends Part {
   }
 }
 
-const parts = [new ParametersPart()];
+// The keys of a robot below a prefix, or one key with its history and its conflicts.
+class DatabasePart extends Part {
+  constructor() {
+    super("database", "/database", 5);
+    this.robot = this.root.querySelector("select");
+    this.key = this.root.querySelector("input");
+    this.details = this.root.querySelector(".details");
+    this.robot.addEventListener("change", () => this.again());
+    this.key.addEventListener("change", () => this.again());
+  }
+
+  body() {
+    const robots = [...model.robots.keys()].sort();
+    const shown = [...this.robot.options].map((option) => option.value);
+    if (JSON.stringify(robots) !== JSON.stringify(shown)) {
+      const chosen = this.robot.value;
+      this.robot.replaceChildren(...robots.map((robot) => new Option(robot, robot, false, robot === chosen)));
+    }
+    return this.robot.value === "" ? null : { robot: this.robot.value, key: this.key.value.trim() };
+  }
+
+  show(data) {
+    const text = JSON.stringify([data, this.body()]);
+    // A button that is being pressed stays the same button.
+    if (text === this.drawn) return;
+    this.drawn = text;
+    const keys = data.keys ?? [];
+    this.note.textContent = data.why ?? (data.keys && keys.length === 0 ? "there are no keys below this prefix" : data.note ?? "");
+    this.list.replaceChildren(...keys.map((one) => this.row(one)));
+    this.details.replaceChildren(...(data.keys || data.why ? [] : this.one(data)));
+  }
+
+  row(one) {
+    const row = element("li"), button = element("button", "key-name", one.key);
+    button.type = "button";
+    button.addEventListener("click", () => {
+      this.key.value = one.key;
+      this.key.focus();
+      this.again();
+    });
+    row.append(button, ` ${one.value}`);
+    if (one.writes > 1) row.append(element("span", "changing", ` ${one.writes} concurrent writes`));
+    return row;
+  }
+
+  one(data) {
+    const back = element("button", "", "Back to the list");
+    back.type = "button";
+    back.addEventListener("click", () => {
+      const parts = this.key.value.trim().split("/");
+      this.key.value = parts.length > 1 ? `${parts.slice(0, -1).join("/")}/` : "";
+      this.key.focus();
+      this.again();
+    });
+    const made = [back, element("p", "value", data.value === null ? "there is nothing at this key" : data.value)];
+    if (data.is_default) made.push(element("p", "quiet", "nothing is stored at this key; its schema has this default"));
+    for (const [title, text, none] of [["History", data.history, "the log has no changes of this key"], ["Conflicts", data.conflicts, "no conflicts"]]) {
+      made.push(element("h3", "", title));
+      if (text === null) {
+        made.push(element("p", "quiet", none));
+        continue;
+      }
+      const box = element("pre", "wide", text);
+      box.tabIndex = 0;
+      box.setAttribute("role", "region");
+      box.setAttribute("aria-label", title);
+      made.push(box);
+    }
+    return made;
+  }
+}
+
+const parts = [new ParametersPart(), new DatabasePart()];
 
 function fetchParts() {
   for (const part of parts) part.fetch();
