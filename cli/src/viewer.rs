@@ -7,6 +7,7 @@
 mod database;
 pub(crate) mod foxglove;
 mod otlp;
+mod output;
 mod page;
 mod parameters;
 mod serve;

@@ -46,6 +46,6 @@ pub use identity::{Fleet, MissionId, RobotId};
 pub use input::{Input, Measured};
 pub use mark::{LastEnd, Mark};
 pub use model::{EventLine, Model};
-pub use output::OutputLine;
+pub use output::{Lines, OutputLine};
 pub use robot::{DatabaseLag, Presence, Robot};
 pub use wires::{Rate, Wire, WireEnd};

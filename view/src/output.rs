@@ -24,13 +24,13 @@ pub struct OutputLine {
 
 /// Puts lines together from the pieces of each program.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lines {
+pub struct Lines {
     begun: BTreeMap<(MissionId, String), Vec<u8>>,
 }
 
 impl Lines {
-    /// Takes a piece in; returns the lines that it completes.
-    pub(crate) fn push(&mut self, mission: &MissionId, path: &str, bytes: &[u8]) -> Vec<String> {
+    /// Takes a piece in; returns the lines that it completes. They have no control characters, and a limited length.
+    pub fn push(&mut self, mission: &MissionId, path: &str, bytes: &[u8]) -> Vec<String> {
         let key = (mission.clone(), path.to_owned());
         if !self.begun.contains_key(&key) && self.begun.len() >= BEGUN_MAX {
             self.begun.pop_first();
@@ -58,7 +58,7 @@ impl Lines {
     }
 
     /// Drops the line of a program that has not ended.
-    pub(crate) fn forget(&mut self, mission: &MissionId, path: &str) {
+    pub fn forget(&mut self, mission: &MissionId, path: &str) {
         self.begun.remove(&(mission.clone(), path.to_owned()));
     }
 }

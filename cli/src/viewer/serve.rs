@@ -1,6 +1,7 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
 use super::database::Lookup;
+use super::output::{Output, OutputChoice};
 use super::parameters;
 use super::ways::WaysRequest;
 use crate::logic::http::{self, Door, Entry, Head, Status};
@@ -143,11 +144,7 @@ async fn answer(
             None => return refuse(stream, Status::BadRequest).await,
         },
         (false, "/icon.svg") => ("image/svg+xml", ICON.to_owned()),
-        // A browser that reconnects by itself tells the position in its field, and a script that opens a new stream in the query.
-        (false, "/events") if head.last_event_id.is_empty() => {
-            return events(stream, shared, head.query.strip_prefix("after=").unwrap_or_default()).await;
-        }
-        (false, "/events") => return events(stream, shared, &head.last_event_id).await,
+        (false, "/events") => return events(stream, shared, head).await,
         // A person who was not answered has given up, and does not expect it any more.
         (true, _) if is_left(stream) => return Ok(()),
         (true, "/estop" | "/release" | "/answer" | "/parameter") => (TEXT, order(shared, head, body).await),
@@ -218,19 +215,26 @@ async fn order(shared: &Shared, head: &Head, body: &[u8]) -> String {
     }
 }
 
-/// Sends the changes since a position, and then each further one.
-async fn events(stream: &mut TcpStream, shared: &Shared, last: &str) -> io::Result<()> {
+/// Sends the changes since a position, and then each further one, and the output of a process if the window shows one.
+async fn events(stream: &mut TcpStream, shared: &Shared, head: &Head) -> io::Result<()> {
+    let field = |name: &str| head.query.split('&').find_map(|one| one.strip_prefix(name)?.strip_prefix('='));
+    // A browser that reconnects by itself tells the position in its field, and a script that opens a new stream in the query.
+    let in_query = field("after").unwrap_or_default();
+    let last = if head.last_event_id.is_empty() { in_query } else { &head.last_event_id };
     let (mut version, mut position) = (shared.version.clone(), last.parse().unwrap_or(Position::default()));
+    let choice = field("output").and_then(OutputChoice::read);
+    let mut output = choice.and_then(|choice| Output::begin(choice, &shared.model(), &shared.ways));
     stream.write_all(&http::stream()).await?;
     loop {
         version.mark_unchanged();
-        let (next, message) = message(&shared.model(), position);
+        let (next, message) = message(&shared.model(), position, output.as_mut().and_then(Output::news));
         position = next;
         let sent = timeout(TAKEN_WITHIN, stream.write_all(&message)).await;
         sent.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))?;
         let sent_at = clock::now();
         tokio::select! {
             () = clock::sleep_until(sent_at + BEAT_EVERY) => {}
+            Some(()) = async { Some(output.as_mut()?.changed().await) } => clock::sleep_until(sent_at + AGAIN_AFTER).await,
             changed = version.changed() => match changed {
                 Ok(()) => clock::sleep_until(sent_at + AGAIN_AFTER).await,
                 // The view ends.
@@ -240,11 +244,14 @@ async fn events(stream: &mut TcpStream, shared: &Shared, last: &str) -> io::Resu
     }
 }
 
-fn message(model: &Model, position: Position) -> (Position, Vec<u8>) {
+fn message(model: &Model, position: Position, output: Option<Value>) -> (Position, Vec<u8>) {
     let (changes, now) = (model.since(position), clock::now());
-    let data = match changes.is_empty() {
+    let mut data = match changes.is_empty() {
         true => json!({ "ages": live_page::ages(model, now) }),
         false => live_page::changes(model, &changes, now),
     };
+    if let Some(output) = output {
+        data["output"] = output;
+    }
     (changes.position, http::event(&changes.position.to_string(), &data.to_string()))
 }

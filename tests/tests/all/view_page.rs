@@ -403,6 +403,38 @@ fn the_database_of_a_robot_is_read_from_the_page() {
     }
 }
 
+/// The output of a process comes with the stream of a window that shows it, and with no other.
+#[test]
+fn the_output_of_a_process_is_sent_while_it_is_shown() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let writer = cluster.file("write.sh", "echo '<script>'; while :; do echo again; sleep 0.1; done");
+    let spec = SPEC.replace("sleep 600", &format!("sh {writer}"));
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", &spec)]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let page = Page::open(&here);
+    let cookie = page.cookie();
+    let mut silent = page.request("GET /events", &cookie, "");
+    let mut seen = String::new();
+    while plan_number(&seen).is_none() {
+        seen += &read_until(&mut silent, ",");
+    }
+    let number = plan_number(&seen).expect("it was found");
+    let mut stream = page.request(&format!("GET /events?after=&output={number}-main/one"), &cookie, "");
+    let shown = read_until(&mut stream, "\"again\"");
+    assert!(shown.contains("\"begins\":true") && shown.contains("\"<script>\""), "{shown}");
+    // Further lines follow.
+    read_until(&mut stream, "\"begins\":false");
+    seen += &read_until(&mut silent, "\"ages\"");
+    assert!(!seen.contains("\"output\""), "{seen}");
+    for wrong in ["", "x", "17", "999999-main/one", &format!("{number}-main/none")] {
+        let mut stream = page.request(&format!("GET /events?after=&output={wrong}"), &cookie, "");
+        let shown = read_until(&mut stream, "\"ages\"");
+        assert!(!shown.contains("\"output\""), "{wrong}: {shown}");
+    }
+}
+
 /// A person at a browser.
 struct Browser {
     child: Child,

@@ -209,8 +209,19 @@ async function follow() {
   for (let number = 0; number < STREAMS_MAX && !isHeld; number += 1) isHeld = await hold(number, { ifAvailable: true });
   if (!isHeld) await hold(Math.floor(Math.random() * STREAMS_MAX), { steal: true });
   isAsking = isDisplaced = false;
-  stream = new EventSource(`/events?after=${position}`);
+  listen();
+}
+
+function listen() {
+  stream = new EventSource(`/events?after=${position}${output.query()}`);
   stream.addEventListener("message", hear);
+}
+
+// Opens the stream again, for the output of another process.
+function reopen() {
+  if (stream === null) return;
+  stream.close();
+  listen();
 }
 
 function hear(message) {
@@ -218,6 +229,7 @@ function hear(message) {
   const data = JSON.parse(message.data);
   heard = now();
   ages = data.ages;
+  if (data.output) output.take(data.output);
   if (data.robots) {
     take(data);
     draw();

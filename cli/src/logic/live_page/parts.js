@@ -1,6 +1,9 @@
 "use strict";
 // The parts of a live view that ask robots, and only while they are open. Texts of robots become text nodes.
 
+// The lines of output that are kept.
+const LINES_MAX = 500;
+
 // A folded part. `body` returns what it asks for, or nothing while it needs nothing. `show` gets the answer.
 class Part {
   constructor(id, path, every) {
@@ -179,7 +182,75 @@ class DatabasePart extends Part {
   }
 }
 
-const parts = [new ParametersPart(), new DatabasePart()];
+// The output of one process. It comes with the stream of changes, which is opened again for another choice.
+class OutputPart {
+  constructor() {
+    this.root = byId("output");
+    this.choice = this.root.querySelector("select");
+    this.note = this.root.querySelector("p");
+    this.box = this.root.querySelector("pre");
+    this.lines = [];
+    this.following = "";
+    this.root.addEventListener("toggle", () => this.fetch());
+    this.choice.addEventListener("change", () => this.fetch());
+  }
+
+  // Returns the process whose output is shown, as the address of the stream has it.
+  query() {
+    return this.root.open && this.choice.value ? `&output=${this.choice.value}` : "";
+  }
+
+  fetch() {
+    this.offer();
+    const query = this.query();
+    if (query === this.following) return;
+    this.following = query;
+    this.clear(query ? "it has written nothing yet" : "");
+    reopen();
+  }
+
+  // Offers the programs of the missions that run.
+  offer() {
+    const programs = [];
+    for (const process of model.processes.values()) {
+      const live = model.deployments.get(process.mission);
+      if (process.pid && live && live.plan !== null) programs.push([`${live.plan}-${process.path}`, `${live.title}: ${process.path}`]);
+    }
+    // A program that has just ended keeps its place, so that its last lines can be read.
+    const chosen = this.choice.selectedOptions[0];
+    if (chosen?.value && !programs.some(([value]) => value === chosen.value)) programs.push([chosen.value, chosen.text]);
+    programs.sort((a, b) => (a[1] < b[1] ? -1 : 1));
+    const wanted = [["", programs.length ? "choose a process" : "no program runs"], ...programs];
+    const shown = [...this.choice.options].map((option) => [option.value, option.text]);
+    if (JSON.stringify(wanted) === JSON.stringify(shown)) return;
+    const value = this.choice.value;
+    this.choice.replaceChildren(...wanted.map(([one, text]) => new Option(text, one, false, one === value)));
+  }
+
+  clear(note) {
+    this.lines = [];
+    this.box.textContent = "";
+    this.box.hidden = true;
+    this.note.textContent = note;
+  }
+
+  take(news) {
+    if (news.begins) this.clear("");
+    if (news.leftOut) this.lines.push(`… ${news.leftOut} lines are not shown here …`);
+    this.lines.push(...news.lines);
+    this.lines.splice(0, Math.max(0, this.lines.length - LINES_MAX));
+    const { scrollTop, clientHeight, scrollHeight } = this.box;
+    const isAtEnd = this.box.hidden || scrollTop + clientHeight >= scrollHeight - 4;
+    this.box.hidden = this.lines.length === 0;
+    this.box.textContent = this.lines.join("\n");
+    if (isAtEnd) this.box.scrollTop = this.box.scrollHeight;
+    if (news.why) this.note.textContent = news.why;
+    else if (this.lines.length) this.note.textContent = "";
+  }
+}
+
+const output = new OutputPart();
+const parts = [output, new ParametersPart(), new DatabasePart()];
 
 function fetchParts() {
   for (const part of parts) part.fetch();
