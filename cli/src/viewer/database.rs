@@ -51,7 +51,7 @@ impl Lookup {
     pub(super) fn read(body: &Value, model: &Model) -> Result<Self, String> {
         let text = |name: &str| body.get(name).and_then(Value::as_str).unwrap_or_default();
         let id = model.robots().map(|one| &one.id).find(|id| id.to_string() == text("robot"));
-        let robot = id.ok_or_else(|| format!("there is no robot `{}`", text("robot")))?.clone();
+        let robot = id.ok_or_else(|| format!("this view does not show the robot `{}`", text("robot")))?.clone();
         let keys = keys(text("key").to_owned()).map_err(|why| why.to_string())?;
         Ok(Self { robot, keys })
     }

@@ -33,6 +33,11 @@ impl OutputChoice {
     }
 }
 
+/// Returns the news that a process is not shown any more.
+pub(super) fn gone() -> Value {
+    json!({ "begins": true, "lines": [], "leftOut": 0, "why": "this process is no longer shown" })
+}
+
 enum Piece {
     /// The node sends the output again from its oldest line on.
     Begins,

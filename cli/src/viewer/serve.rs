@@ -1,7 +1,7 @@
 //! One connection of a browser: a file of the page, the stream of changes, or an order.
 
 use super::database::Lookup;
-use super::output::{Output, OutputChoice};
+use super::output::{self, Output, OutputChoice};
 use super::parameters;
 use super::ways::WaysRequest;
 use crate::logic::http::{self, Door, Entry, Head, Status};
@@ -223,11 +223,13 @@ async fn events(stream: &mut TcpStream, shared: &Shared, head: &Head) -> io::Res
     let last = if head.last_event_id.is_empty() { in_query } else { &head.last_event_id };
     let (mut version, mut position) = (shared.version.clone(), last.parse().unwrap_or(Position::default()));
     let choice = field("output").and_then(OutputChoice::read);
-    let mut output = choice.and_then(|choice| Output::begin(choice, &shared.model(), &shared.ways));
+    let mut output = choice.clone().and_then(|choice| Output::begin(choice, &shared.model(), &shared.ways));
+    let mut gone = choice.filter(|_| output.is_none()).map(|_| output::gone());
     stream.write_all(&http::stream()).await?;
     loop {
         version.mark_unchanged();
-        let (next, message) = message(&shared.model(), position, output.as_mut().and_then(Output::news));
+        let news = output.as_mut().and_then(Output::news).or_else(|| gone.take());
+        let (next, message) = message(&shared.model(), position, news);
         position = next;
         let sent = timeout(TAKEN_WITHIN, stream.write_all(&message)).await;
         sent.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))?;

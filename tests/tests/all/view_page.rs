@@ -1,12 +1,12 @@
 //! The page of `dca view --page`, over direct connections and in a real browser.
 
-use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable, wait_until};
+mod browser;
+
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
 use dca_tests::hit_detector;
 use rustix::process::Signal;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
-use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 const SPEC: &str = "
     module Sleeper(host) { exec \"sleep 600\"; plain; done; }
@@ -339,14 +339,14 @@ fn a_parameter_is_changed_from_the_page() {
         let body = format!("{{\"robot\": \"c1\", \"name\": \"{name}\", \"value\": {value}}}");
         page.ask("POST /parameter", &fields, &body)
     };
-    let name = "door:main/hit/force.threshold";
-    let get = || here.ask(&["param", "get", "hit/force", "threshold"]).out;
+    let name = "door:main/hit/threshold.threshold";
+    let get = || here.ask(&["param", "get", "hit/threshold", "threshold"]).out;
     for (name, value, why) in [
-        (name, "\"900 N\"", "expected a Force from 0 to 200 N"),
+        (name, "\"900 N\"", "expected a Force from"),
         (name, "\"much\"", "expected a Force"),
         (name, "\"\"", "expected a Force"),
         (name, "[1]", "this order cannot be read"),
-        ("door:main/hit/force.treshold", "\"5\"", "did you mean `threshold`?"),
+        ("door:main/hit/threshold.treshold", "\"5\"", "did you mean `threshold`?"),
         ("door:main/none.threshold", "\"5\"", "there is no such parameter"),
         ("<img src=x>", "\"5\"", "there is no such parameter"),
     ] {
@@ -389,9 +389,9 @@ fn the_database_of_a_robot_is_read_from_the_page() {
     assert!(!one.contains("<img"), "another key is not part of it: {one}");
     assert!(ask("robot/c1/none").contains("\"value\":null"));
     for (body, why) in [
-        ("{\"robot\": \"c9\", \"key\": \"\"}", "there is no robot `c9`"),
+        ("{\"robot\": \"c9\", \"key\": \"\"}", "this view does not show the robot `c9`"),
         ("{\"robot\": \"c1\", \"key\": \"//\"}", "\"why\""),
-        ("{\"robot\": 5}", "there is no robot"),
+        ("{\"robot\": 5}", "this view does not show the robot"),
         ("no JSON", "400"),
     ] {
         let answer = page.ask("POST /database", &fields, body);
@@ -428,141 +428,13 @@ fn the_output_of_a_process_is_sent_while_it_is_shown() {
     read_until(&mut stream, "\"begins\":false");
     seen += &read_until(&mut silent, "\"ages\"");
     assert!(!seen.contains("\"output\""), "{seen}");
-    for wrong in ["", "x", "17", "999999-main/one", &format!("{number}-main/none")] {
+    for wrong in ["", "x", "17"] {
         let mut stream = page.request(&format!("GET /events?after=&output={wrong}"), &cookie, "");
         let shown = read_until(&mut stream, "\"ages\"");
         assert!(!shown.contains("\"output\""), "{wrong}: {shown}");
     }
-}
-
-/// A person at a browser.
-struct Browser {
-    child: Child,
-    orders: ChildStdin,
-    answers: BufReader<ChildStdout>,
-}
-
-impl Browser {
-    /// Opens the link in a browser if this machine has one. Pictures are stored in a folder.
-    #[expect(clippy::print_stdout, reason = "a user who runs the tests has to know what was skipped")]
-    fn open(page: &Page, pictures: &Path) -> Option<Self> {
-        let python = std::env::var("DCA_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-        let asked = Command::new(&python).args(["-c", "import playwright"]).output();
-        if !asked.is_ok_and(|asked| asked.status.success()) || !Path::new("/usr/bin/chromium").exists() {
-            println!("skipped: needs /usr/bin/chromium, and Playwright in the Python of DCA_TEST_PYTHON");
-            return None;
-        }
-        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/all/view_page/browser.py");
-        let link = format!("http://{}/?key={}", page.address, page.key);
-        let mut command = Command::new(python);
-        command.arg(script).arg(link).arg(pictures).stdin(Stdio::piped()).stdout(Stdio::piped());
-        let mut child = command.spawn().expect("Python was there");
-        let orders = child.stdin.take().expect("the pipe was asked for");
-        let answers = BufReader::new(child.stdout.take().expect("the pipe was asked for"));
-        Some(Self { child, orders, answers })
+    for gone in ["999999-main/one", &format!("{number}-main/none")] {
+        let mut stream = page.request(&format!("GET /events?after=&output={gone}"), &cookie, "");
+        read_until(&mut stream, "this process is no longer shown");
     }
-
-    #[track_caller]
-    fn order(&mut self, order: &str) {
-        writeln!(self.orders, "{order}").expect("the browser is there");
-        let mut answer = String::new();
-        self.answers.read_line(&mut answer).expect("the browser answers");
-        assert_eq!(answer.trim(), "ok", "{order}");
-    }
-}
-
-/// A mission from start to end, a lost stream, a stop, and words that look like markup.
-#[test]
-#[ignore = "long: a real browser"]
-fn a_person_sees_a_mission_in_a_browser() {
-    let cluster = Cluster::new();
-    let here = cluster.here();
-    let _node = here.node("c1", &[]);
-    let page = Page::open(&here);
-    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
-    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
-    browser.order("see nothing is deployed");
-    browser.order("picture empty");
-    let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", SPEC)]);
-    browser.order("see one: Sleeper");
-    browser.order("see running");
-    browser.order("picture running");
-    browser.order("again 9");
-    cluster.expect_leaf("main/one").signal(Signal::SEGV);
-    browser.order("see finished: aborted");
-    browser.order("picture crashed");
-    assert_eq!(mission.ended(SOON).code, Some(1));
-    // The stream of changes is cut, and then comes back.
-    page.view.signal(Signal::STOP);
-    browser.order("see not live since 3 s");
-    browser.order("see data is");
-    browser.order("picture stale");
-    page.view.signal(Signal::CONT);
-    browser.order("gone not live since");
-    browser.order("press Stop everything");
-    browser.order("press Yes");
-    browser.order("see Everything is stopped on c1");
-    browser.order("press Release");
-    browser.order("press Yes");
-    browser.order("gone Everything is stopped");
-    let reason = "<img src=x onerror=alert(1)>";
-    assert_eq!(here.ask(&["estop", reason]).code, Some(0));
-    browser.order(&format!("see {reason}"));
-    browser.order("picture stopped");
-    browser.order("errors");
-    browser.order("end");
-    assert!(browser.child.wait().expect("it was started here").success());
-}
-
-/// The pictures of a mission: states in words and signs, a crash, a wire that loses values, and the keyboard.
-#[test]
-#[ignore = "long: a real browser"]
-fn a_person_sees_the_graph_of_a_mission_in_a_browser() {
-    let cluster = Cluster::new();
-    let here = cluster.here();
-    let controller = executable("dca-controller").display().to_string();
-    let _node = here.node("c1", &["--controllers", &controller]);
-    let page = Page::open(&here);
-    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
-    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
-    let wired = PICTURED
-        .replace(
-            "one instof Sleeper(c1);",
-            "one instof Sleeper(c1); beat instof RateSource(c1); monitor instof RateMonitor(c1);",
-        )
-        .replace(
-            "internal_event_actions { inner, guard, one? }",
-            "internal_connections(beat, on) { beat, Out -> monitor, In; }
-            internal_event_actions { inner, guard, one?, beat[on], monitor }",
-        );
-    let file = cluster.file("door.dca", &wired);
-    let mission = here.dca(&["deploy", "--no-record", "--controllers", &controller, &file]);
-    mission.wait_for(Stream::Err, "started in", SOON);
-    browser.order("mark main/inner running");
-    browser.order("mark main/guard running");
-    browser.order("open States of main/guard");
-    browser.order("mark watching running");
-    browser.order("open Timeline");
-    browser.order("see seconds since");
-    browser.order("picture graph");
-    cluster.expect_leaf("main/one").signal(Signal::SEGV);
-    browser.order("mark main/one failed");
-    browser.order("see ✕ aborted: SIGSEGV");
-    browser.order("lose main/beat, Out -> main/monitor, In");
-    browser.order("see ✕ 3.0/s lost");
-    browser.order("picture graph-crashed");
-    assert_eq!(here.ask(&["stop", "door"]).code, Some(0));
-    browser.order("see finished: stopped");
-    browser.order("mark main/one failed");
-    browser.order("mark main/inner stopped");
-    browser.order("picture graph-ended");
-    // A page that is opened later shows the same.
-    browser.order("reload");
-    browser.order("see finished: stopped");
-    browser.order("open Graph");
-    browser.order("mark main/one failed");
-    browser.order("errors");
-    browser.order("end");
-    assert!(browser.child.wait().expect("it was started here").success());
-    drop(mission);
 }

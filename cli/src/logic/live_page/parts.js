@@ -41,6 +41,7 @@ class Part {
       }
     } catch (error) {
       this.notBefore = now() + AGAIN_AFTER;
+      this.drawn = undefined;
       this.note.textContent = `no answer: ${error.message}`;
     }
     isFetching = false;
@@ -105,7 +106,9 @@ class ParametersPart extends Part {
     });
     row.undo.addEventListener("click", () => change(null));
     form.append(input, set, row.undo);
-    row.root.append(element("span", "", `${name} on ${one.robot} `), row.value, row.spec, form);
+    const words = element("div");
+    words.append(`${name} on ${one.robot} `, row.value, row.spec);
+    row.root.append(words, form);
     return row;
   }
 }
@@ -121,14 +124,22 @@ class DatabasePart extends Part {
     this.key.addEventListener("change", () => this.again());
   }
 
+  fetch() {
+    this.offer();
+    return super.fetch();
+  }
+
   body() {
+    return this.robot.value === "" ? null : { robot: this.robot.value, key: this.key.value.trim() };
+  }
+
+  // Offers the robots.
+  offer() {
     const robots = [...model.robots.keys()].sort();
     const shown = [...this.robot.options].map((option) => option.value);
-    if (JSON.stringify(robots) !== JSON.stringify(shown)) {
-      const chosen = this.robot.value;
-      this.robot.replaceChildren(...robots.map((robot) => new Option(robot, robot, false, robot === chosen)));
-    }
-    return this.robot.value === "" ? null : { robot: this.robot.value, key: this.key.value.trim() };
+    if (JSON.stringify(robots) === JSON.stringify(shown)) return;
+    const chosen = this.robot.value;
+    this.robot.replaceChildren(...robots.map((robot) => new Option(robot, robot, false, robot === chosen)));
   }
 
   show(data) {

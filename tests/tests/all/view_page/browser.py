@@ -1,7 +1,8 @@
 """Looks at the page of `dca view --page` as a person does, in a real browser.
 
 Arguments: the link, the folder for pictures. Reads words from standard input and answers each with a line: `see TEXT` waits for a text,
-`gone TEXT` waits until it is gone, `press NAME` presses a button, `open NAME` opens a folded part with the keyboard, `mark KEY MARK` waits until a
+`gone TEXT` waits until it is gone, `press NAME` presses a button, `fill LABEL = VALUE` types into a field, `choose LABEL = OPTION` chooses
+from a list, `open NAME` opens a folded part with the keyboard, `mark KEY MARK` waits until a
 box of a picture has a mark, `lose WIRE` has a wire lose values on the page, `picture NAME` draws it at 390 and 1400 pixels, `again N` opens the page
 in N further windows, and then looks at the first one again, `reload` opens it again, `errors` fails if the page had errors, `end` ends it.
 """
@@ -109,6 +110,12 @@ def main():
                     page.get_by_text(text).first.wait_for(state="hidden", timeout=WITHIN)
                 elif order == "press":
                     page.get_by_role("button", name=text, exact=True).first.click(timeout=WITHIN)
+                elif order == "fill":
+                    label, _, value = text.partition(" = ")
+                    page.get_by_label(label, exact=True).fill(value, timeout=WITHIN)
+                elif order == "choose":
+                    label, _, option = text.partition(" = ")
+                    page.get_by_role("combobox", name=label).select_option(label=option, timeout=WITHIN)
                 elif order == "open":
                     summary = page.locator("summary", has_text=text).first
                     summary.focus(timeout=WITHIN)
