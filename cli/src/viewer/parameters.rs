@@ -49,7 +49,7 @@ pub(super) async fn list(ways: Ways, homes: BTreeMap<String, String>) -> Value {
             Ok(Ok(listed)) => rows.extend(listed.into_iter().map(|row| of_robot(client, row))),
             Ok(Err(failure)) => all.problems.push(format!("parameters cannot be read: {}", words(&failure))),
             Err(_) => {
-                all.problems.push(format!("parameters cannot be read: no answer within {} s", READ_WITHIN.as_secs()))
+                all.problems.push(format!("parameters cannot be read: no answer within {} s", READ_WITHIN.as_secs()));
             }
         }
     }

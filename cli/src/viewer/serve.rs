@@ -236,13 +236,21 @@ async fn events(stream: &mut TcpStream, shared: &Shared, head: &Head) -> io::Res
         let sent_at = clock::now();
         tokio::select! {
             () = clock::sleep_until(sent_at + BEAT_EVERY) => {}
-            Some(()) = async { Some(output.as_mut()?.changed().await) } => clock::sleep_until(sent_at + AGAIN_AFTER).await,
+            () = changed(output.as_mut()) => clock::sleep_until(sent_at + AGAIN_AFTER).await,
             changed = version.changed() => match changed {
                 Ok(()) => clock::sleep_until(sent_at + AGAIN_AFTER).await,
                 // The view ends.
                 Err(_) => return Ok(()),
             },
         }
+    }
+}
+
+/// Waits until there is something new of an output. Without an output, waits for ever.
+async fn changed(output: Option<&mut Output>) {
+    match output {
+        Some(output) => output.changed().await,
+        None => std::future::pending().await,
     }
 }
 
