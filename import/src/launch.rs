@@ -18,7 +18,6 @@ mod value;
 mod walk;
 mod words;
 mod yaml;
-mod yaml_value;
 
 use crate::Imported;
 use crate::xml::{ImportError, Node};

@@ -8,6 +8,7 @@ mod field;
 
 pub mod action_msgs;
 pub mod builtin_interfaces;
+pub mod composition_interfaces;
 pub mod diagnostic_msgs;
 pub mod example_interfaces;
 pub mod geometry_msgs;

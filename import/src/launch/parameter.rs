@@ -1,7 +1,7 @@
 //! Values of parameters in the form of a spec.
 
-use super::yaml_value::{Scalar, YamlValue, python_float, python_integer};
 use crate::name::{is_hidden, quoted};
+use ros::logic::yaml::{Scalar, YamlValue, python_float, python_integer};
 
 /// A value with its type.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,13 +71,28 @@ impl Literal {
         };
         let many = if matches!(self.0, YamlValue::List(_)) && !kind.is_empty() { "[]" } else { "" };
         let colon = if kind.is_empty() { "" } else { ": " };
-        let value = self.written(|scalar| match scalar {
+        format!("{name}{colon}{kind}{many} = {}", self.bare())
+    }
+
+    /// Returns the value as a spec has it.
+    pub(super) fn bare(&self) -> String {
+        self.written(|scalar| match scalar {
             Scalar::Integer(number) => number.to_string(),
             Scalar::Float(number) => number.to_string(),
             Scalar::Truth(truth) => truth.to_string(),
             Scalar::Text(text) => quoted(text),
-        });
-        format!("{name}{colon}{kind}{many} = {value}")
+        })
+    }
+
+    /// Returns whether it is an integer, or a list of integers.
+    pub(super) fn is_integer(&self) -> bool {
+        matches!(self.scalars().first(), Some(Scalar::Integer(_)))
+    }
+
+    /// Returns whether it has no fraction, and is not an integer.
+    pub(super) fn is_whole_float(&self) -> bool {
+        let is_whole = |scalar: &Scalar| matches!(scalar, Scalar::Float(number) if number.fract() == 0.0);
+        self.scalars().first().is_some_and(|_| self.scalars().iter().all(is_whole))
     }
 
     /// Returns the value as YAML that ROS 2 reads with the same type.

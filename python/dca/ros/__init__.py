@@ -12,6 +12,7 @@ from ._standard import Message, from_cdr, to_cdr
 if TYPE_CHECKING:
     from . import action as action
     from . import builtin as builtin
+    from . import composition as composition
     from . import diagnostic as diagnostic
     from . import example as example
     from . import geometry as geometry

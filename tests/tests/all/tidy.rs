@@ -22,7 +22,7 @@ const FLOORS: [(&str, &[&str]); 17] = [
     ("ros", &[]),
     ("ros/bridge", &["comms", "controllers", "ros"]),
     ("language", &["ros"]),
-    ("import", &["language"]),
+    ("import", &["language", "ros"]),
     ("verify", &["language"]),
     ("comms", &[]),
     ("trust", &[]),

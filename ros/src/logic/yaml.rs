@@ -4,43 +4,56 @@
 
 /// A value without parts.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Scalar {
+pub enum Scalar {
+    /// An integer of 64 bits.
     Integer(i64),
+    /// Another number.
     Float(f64),
+    /// `true` or `false`.
     Truth(bool),
+    /// A text.
     Text(String),
 }
 
 /// A scalar, or a list of scalars of one type.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum YamlValue {
+pub enum YamlValue {
+    /// A scalar.
     One(Scalar),
+    /// A list of scalars.
     List(Vec<Scalar>),
 }
 
 impl YamlValue {
     /// Returns the value of a text; none if `launch` refuses it: nothing, a map, a date, or a list of several types.
-    pub(super) fn of(text: &str) -> Option<Self> {
+    pub fn of(text: &str) -> Option<Self> {
         let text = text.trim();
         let list = text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
         match list {
             None => Scalar::of(text).map(Self::One),
             Some(list) => {
                 let items = items(list)?.into_iter().map(Scalar::of).collect::<Option<Vec<_>>>()?;
-                let is_uniform =
-                    items.windows(2).all(|two| std::mem::discriminant(&two[0]) == std::mem::discriminant(&two[1]));
-                is_uniform.then_some(Self::List(items))
+                Self::list(items)
             }
         }
+    }
+
+    /// Returns a list; none if its items have several types.
+    pub fn list(items: Vec<Scalar>) -> Option<Self> {
+        let is_uniform = items.windows(2).all(|two| std::mem::discriminant(&two[0]) == std::mem::discriminant(&two[1]));
+        is_uniform.then_some(Self::List(items))
     }
 }
 
 /// The items of a list; none if a list or a map is inside it.
 fn items(list: &str) -> Option<Vec<&str>> {
     let (mut items, mut begin, mut quote) = (Vec::new(), 0, None);
-    for (at, found) in list.char_indices() {
+    let mut characters = list.char_indices();
+    while let Some((at, found)) = characters.next() {
         match (found, quote) {
             (_, Some(open)) if found == open => quote = None,
+            // The next character does not end the text.
+            ('\\', Some('"')) => drop(characters.next()),
             ('\'' | '"', None) if list[begin..at].trim().is_empty() => quote = Some(found),
             (',', None) => {
                 items.push(list[begin..at].trim());
@@ -59,7 +72,8 @@ fn items(list: &str) -> Option<Vec<&str>> {
 }
 
 impl Scalar {
-    fn of(text: &str) -> Option<Self> {
+    /// Returns the scalar of a text; none if `launch` refuses it.
+    pub fn of(text: &str) -> Option<Self> {
         if let Some(inner) = quoted(text) {
             return Some(Self::Text(inner));
         }
@@ -84,14 +98,35 @@ impl Scalar {
     }
 }
 
-/// The content of a text in quotes; none if it has other escapes than those of quotes.
+/// The content of a text in quotes; none if it has other escapes than those of quotes, backslashes and characters by their number.
 fn quoted(text: &str) -> Option<String> {
     let inner = |quote: char| text.strip_prefix(quote).and_then(|rest| rest.strip_suffix(quote));
     match (inner('\''), inner('"')) {
         (Some(single), _) if !single.replace("''", "").contains('\'') => Some(single.replace("''", "'")),
-        (_, Some(double)) if !double.contains(['\\', '"']) => Some(double.to_owned()),
-        (Some(_) | None, Some(_) | None) => None,
+        (_, Some(double)) => unescaped(double),
+        (Some(_) | None, None) => None,
     }
+}
+
+/// The content of a text in double quotes.
+fn unescaped(text: &str) -> Option<String> {
+    let (mut content, mut characters) = (String::with_capacity(text.len()), text.chars());
+    while let Some(found) = characters.next() {
+        match found {
+            '"' => return None,
+            '\\' => content.push(match characters.next()? {
+                same @ ('"' | '\\') => same,
+                'u' => {
+                    let number = characters.as_str().get(..4)?;
+                    characters = characters.as_str().get(4..)?.chars();
+                    char::from_u32(u32::from_str_radix(number, 16).ok()?)?
+                }
+                _ => return None,
+            }),
+            other => content.push(other),
+        }
+    }
+    Some(content)
 }
 
 /// Whether a text is a date, or a date and a time.
@@ -196,13 +231,13 @@ fn float(text: &str) -> Option<f64> {
 }
 
 /// An integer by the rules of `int` in Python, for a parameter whose type the file says.
-pub(super) fn python_integer(text: &str) -> Option<i64> {
+pub fn python_integer(text: &str) -> Option<i64> {
     let text = python_digits(text)?;
     text.parse().ok()
 }
 
 /// A number by the rules of `float` in Python.
-pub(super) fn python_float(text: &str) -> Option<f64> {
+pub fn python_float(text: &str) -> Option<f64> {
     python_digits(text)?.parse().ok()
 }
 
@@ -267,7 +302,13 @@ mod tests {
         {
             assert_eq!(one(text), Some(Scalar::Text(text.to_owned())), "{text}");
         }
-        for (text, inner) in [("'5'", "5"), ("\"true\"", "true"), ("'it''s'", "it's"), ("a # b", "a")] {
+        for (text, inner) in [
+            ("'5'", "5"),
+            ("\"true\"", "true"),
+            ("'it''s'", "it's"),
+            ("a # b", "a"),
+            ("\"a \\\"b\\\" \\\\ \\u2028\"", "a \"b\" \\ \u{2028}"),
+        ] {
             assert_eq!(one(text), Some(Scalar::Text(inner.to_owned())), "{text}");
         }
         for text in [
@@ -296,6 +337,7 @@ mod tests {
         assert_eq!(list("[0x10, 1_0,]"), [Scalar::Integer(16), Scalar::Integer(10)]);
         assert_eq!(list("[1.0, 2.5]"), [Scalar::Float(1.0), Scalar::Float(2.5)]);
         assert_eq!(list("['a, b', \"1\"]"), [Scalar::Text("a, b".into()), Scalar::Text("1".into())]);
+        assert_eq!(list("[\"a\\\", b\", \"c\"]"), [Scalar::Text("a\", b".into()), Scalar::Text("c".into())]);
         assert_eq!(list("[]"), []);
         assert_eq!(YamlValue::of("[1, 2.0]"), None);
     }
