@@ -19,6 +19,7 @@ mod ports;
 mod quantity;
 mod range;
 mod resource_args;
+mod ros_name;
 mod scripts;
 mod sentences;
 mod sites;

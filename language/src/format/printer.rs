@@ -4,7 +4,7 @@ use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
     Actions, Block, Comma, Connections, Environment, External, Host, Instances, LeftBrace, LeftBracket, LeftParen,
-    Less, Module, OnBoot, Policies, Process, RightBrace, State, Supervision, Verify,
+    Less, Module, OnBoot, Policies, Process, RightBrace, RosComponent, RosComponents, State, Supervision, Verify,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -186,8 +186,20 @@ impl<'t> Printer<'t> {
     /// Writes a node. In its last line, `reserve` columns are left for the following tokens.
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
-        if [Process, Instances, Policies, Supervision, External, Connections, Actions, Environment, Verify]
-            .contains(&kind)
+        if [
+            Process,
+            Instances,
+            Policies,
+            Supervision,
+            External,
+            Connections,
+            Actions,
+            Environment,
+            RosComponents,
+            Verify,
+        ]
+        .contains(&kind)
+            || kind == RosComponent && node.children_with_tokens().any(|part| part.kind() == LeftBrace)
             || [Module, State, Block].contains(&kind) && !self.is_one_line(node)
             || [Host, OnBoot].contains(&kind) && self.sums.is_commented(&self.range(node))
         {

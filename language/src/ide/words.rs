@@ -143,6 +143,9 @@ words! {
         "Another name for a topic or a service of the module's ROS 2 program."
     ModuleItem "params" "params \"${1:params.yaml}\";"
         "A file with parameters of the module's ROS 2 program."
+    ModuleItem "components" "components{\n    ${1:name} \"${2:package} ${3:class}\";\n}"
+        "The components that the ROS 2 program of the module loads when its process starts. The program is a container of components. \
+         `components within 30 s` limits the time for this."
     ModuleItem "lifecycle" "lifecycle;"
         "The ROS 2 node of the module has a lifecycle: it is configured before the mission begins, and active while the process runs. \
          `lifecycle within 30 s` limits the time for the configuration."

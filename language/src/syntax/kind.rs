@@ -146,6 +146,8 @@ kinds! {
         RosName "the name of a node of ROS 2"
         RosRemap "another name for a name of ROS 2"
         RosParams "a file of parameters of ROS 2"
+        RosComponents "the components of a container of ROS 2"
+        RosComponent "a component of ROS 2"
         Lifecycle "the lifecycle of a node of ROS 2"
         Venv "a virtual environment of Python"
         StopWithin "a stop limit"

@@ -74,7 +74,7 @@ fn completion_knows_what_can_stand_here() {
     completes("$0", "process module const type use verify");
     completes(
         "module M(host) { $0 }",
-        "in out proc state calls init service done plain remembers exec python venv action ros setup node remap params lifecycle env inherit directory stop claims",
+        "in out proc state calls init service done plain remembers exec python venv action ros setup node remap params components lifecycle env inherit directory stop claims",
     );
     completes("module M(host) { in In: $0 }", "Force Truth Twist");
     completes("module M(host) { claims $0 }", "arm grip");

@@ -4,31 +4,35 @@
 //! number of arguments in the text after `ros`, and these arguments. The node of the host adds the arguments of the instance.
 
 use super::python::word;
+use super::ros_components;
+use crate::check::ros_name::{self, NameText};
 use crate::check::spec::Module;
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{BRIDGE_PROGRAM, LeafKind, ROS_NODE, ROS_VARIABLES, words};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{
-    Constant, Exec, Lifecycle, Python, RosAction, RosName, RosParams, RosProgram, RosRemap, RosSetup, StopWithin, Text,
+    Constant, Exec, Lifecycle, Python, RosAction, RosComponent, RosComponents, RosName, RosParams, RosProgram,
+    RosRemap, RosSetup, StopWithin, Text,
 };
 use crate::syntax::ast::Node;
-use ros::logic::key::GraphName;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How long the program has to end after SIGINT, unless the module declares another time.
 const STOP_WITHIN: Duration = Duration::from_secs(5);
 /// The additional time for SIGTERM and SIGKILL.
 const FORCE_WITHIN: Duration = Duration::from_secs(3);
-/// How long a node may take to be configured or activated, unless the module declares another time.
-const LIFECYCLE_WITHIN: Duration = Duration::from_secs(10);
-/// How long the setup file and the router may take before the node is configured.
+/// How long a node may take to be configured or activated, and a container to load its components, unless the module declares another
+/// time.
+pub(super) const WITHIN: Duration = Duration::from_secs(10);
+/// How long the setup file and the router may take before a node is configured or a container is started.
 const PREPARE_WITHIN: Duration = Duration::from_secs(20);
 /// The endings of launch files that `ros2 launch` adds to a name.
 const LAUNCH_FILES: [&str; 3] = ["launch.py", "launch.xml", "launch.yaml"];
 
 /// A mistake, with its place and a hint.
-struct Mistake {
+pub(super) struct Mistake {
     code: Code,
     span: Span,
     message: String,
@@ -44,6 +48,69 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     if let Err(Mistake { code, span, message, help }) = read {
         reader.diagnostics.push(Diagnostic::new(code, span, message).help(help));
     }
+    check_names(module, node, reader);
+}
+
+/// Reports parameters in names that the module does not have.
+fn check_names(module: &Module, node: &Node, reader: &mut Reader<'_>) {
+    let Some(params) = &module.params else { return };
+    let components =
+        node.children_of(RosComponents).flat_map(|item| item.children_of(RosComponent).collect::<Vec<_>>());
+    for part in std::iter::once(node.clone()).chain(components) {
+        let items = part.children().filter(|item| [RosName, RosRemap, RosAction].contains(&item.kind()));
+        let texts = items.flat_map(|item| item.tokens().filter(|token| token.kind() == Text).collect::<Vec<_>>());
+        let misfits = texts.filter_map(|text| NameText::of(&text).misfit(params, &module.name.text));
+        reader.diagnostics.extend(misfits);
+    }
+}
+
+/// A name that ROS 2 refuses.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::check) struct Refused {
+    pub(in crate::check) name: String,
+    /// The reason, for example the values of its parameters.
+    pub(in crate::check) help: String,
+}
+
+/// Returns the `exec` of a module with the values of the parameters in its names.
+///
+/// # Errors
+/// A name with these values is not a name of ROS 2, or two nodes have the same name.
+pub(in crate::check) fn named(exec: &str, value: impl Fn(&str) -> Option<String>) -> Result<String, Refused> {
+    let is_of_ros = exec.strip_prefix(BRIDGE_PROGRAM).is_some_and(|rest| rest.starts_with(' '));
+    if !is_of_ros || !exec.contains('{') {
+        return Ok(exec.to_owned());
+    }
+    // The words were written by this room, so they can be read.
+    let words = words(exec).unwrap_or_default();
+    let own = words.iter().position(|word| word == "--").map_or(0..0, |dashes| {
+        let count = words.get(dashes + 1).and_then(|count| count.parse().ok()).unwrap_or(0);
+        dashes..dashes + 2 + count
+    });
+    let (mut written, mut nodes) = (Words::default(), BTreeSet::new());
+    for (place, word) in words.into_iter().enumerate() {
+        let kind = word.split_once('=').filter(|_| !own.contains(&place)).map_or("", |(kind, _)| kind);
+        let is_fit: fn(&str) -> bool = match kind {
+            "node" | "action" => ros_name::is_node,
+            "remap" | "remaps" => |rules| rules.split(' ').flat_map(|rule| rule.split(":=")).all(ros_name::is_remapped),
+            _ => {
+                written.put(&word);
+                continue;
+            }
+        };
+        let name = &word[kind.len() + 1..];
+        let params = ros_name::params(name);
+        let is_value = |name: &&str| value(name).is_some_and(|text| text.chars().all(ros_name::is_part));
+        let text = ros_name::filled(name, &value);
+        let is_new = kind != "node" || nodes.insert(text.clone());
+        if !params.iter().all(is_value) || !is_fit(&text) || !is_new {
+            let twice = "two nodes of this container have this name; give the component another name";
+            let help = if is_new { ros_name::values_of(&params, value) } else { twice.to_owned() };
+            return Err(Refused { name: text, help });
+        }
+        written.put(&format!("{kind}={text}"));
+    }
+    Ok(written.text)
 }
 
 /// Returns the `exec` for a program that its node starts again after a failure. With it, the bridge's program ends when its program ends.
@@ -71,7 +138,8 @@ pub(in crate::check) fn form(exec: &str) -> Option<Form> {
 /// Reports items that have a meaning only for a program of ROS 2.
 fn without_program(node: &Node) -> Result<(), Mistake> {
     let kinds = [(RosSetup, "setup"), (RosName, "node"), (RosRemap, "remap"), (RosParams, "params")];
-    let found = kinds.into_iter().chain([(Lifecycle, "lifecycle")]).find_map(|(kind, word)| {
+    let of_nodes = [(Lifecycle, "lifecycle"), (RosComponents, "components")];
+    let found = kinds.into_iter().chain(of_nodes).find_map(|(kind, word)| {
         let item = node.child(kind)?;
         Some((item.span(), word))
     });
@@ -106,8 +174,15 @@ fn program(module: &mut Module, node: &Node, item: &Node, reader: &mut Reader<'_
     if is_launch {
         check_launch(node)?;
     } else {
-        names(node, &mut exec)?;
-        files(node, &mut exec)?;
+        if let Some(name) = node.child(RosName).map(|item| node_name(&item)).transpose()?.flatten() {
+            exec.add("node", &name, text.span)?;
+        }
+        // Files are separated by `:`, as in `PATH`.
+        for (name, all) in [("remaps", remaps(node)?.join(" ")), ("files", files(node)?.join(":"))] {
+            if !all.is_empty() {
+                exec.add(name, &all, node.span())?;
+            }
+        }
     }
     if let Some(setup) = node.child(RosSetup).filter(|item| item.token(Text).is_some()) {
         let Told { text, span } = Told::of(&setup);
@@ -117,11 +192,15 @@ fn program(module: &mut Module, node: &Node, item: &Node, reader: &mut Reader<'_
     let wait = if node.child(StopWithin).is_some() { module.times.stop_within } else { STOP_WITHIN };
     exec.add("stop_ms", &wait.as_millis().to_string(), text.span)?;
     lifecycle(module, node, reader, &mut exec)?;
+    let components = ros_components::read(module, node, reader, &mut exec)?;
+    if !components.is_empty() {
+        module.times.ready_within = Some(PREPARE_WITHIN);
+    }
     if module.has_end && !module.is_service {
         exec.add("ends", "true", text.span)?;
     }
     exec.text.push_str(&format!(" -- {}", rest.len()));
-    for one in rest {
+    for one in rest.iter().chain(&components) {
         exec.push(one, text.span)?;
     }
     module.times.stop_within = wait.saturating_add(FORCE_WITHIN);
@@ -150,7 +229,10 @@ fn check_module(module: &Module, node: &Node, item: &Node) -> Result<(), Mistake
 /// Checks that a module with a launch file has no items about single nodes, because the launch file describes its nodes itself.
 fn check_launch(node: &Node) -> Result<(), Mistake> {
     let kinds = [(RosName, "node"), (RosRemap, "remap"), (RosParams, "params"), (Lifecycle, "lifecycle")];
-    let found = kinds.into_iter().find_map(|(kind, word)| Some((node.child(kind)?.span(), word)));
+    let found = kinds
+        .into_iter()
+        .chain([(RosComponents, "components")])
+        .find_map(|(kind, word)| Some((node.child(kind)?.span(), word)));
     found.map_or(Ok(()), |(span, word)| {
         let message = format!("a launch file starts nodes of its own, so `{word}` has no meaning for it");
         Err(fault(
@@ -161,25 +243,30 @@ fn check_launch(node: &Node) -> Result<(), Mistake> {
     })
 }
 
-/// Reads the name of the node, and the other names of its topics.
-fn names(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
-    if let Some(item) = node.child(RosName).filter(|item| item.token(Text).is_some()) {
-        let Told { text, span } = Told::of(&item);
-        if !text.starts_with('/') || text.len() > 200 || GraphName::parse(&text).is_none() {
-            let message = format!("{text:?} is not the name of a node of ROS 2");
-            let help = "a name begins with `/` and its namespace: `/robot1/controller_server`; its words have letters, digits and `_`";
-            return Err(fault(span, message, help));
-        }
-        exec.add("node", &text, span)?;
+/// Returns the name of a node. None if the text is damaged, which was reported.
+pub(super) fn node_name(item: &Node) -> Result<Option<String>, Mistake> {
+    if item.token(Text).is_none() {
+        return Ok(None);
     }
+    let Told { text, span } = Told::of(item);
+    if !(NameText { text: text.clone(), span }).can_be(ros_name::is_node) {
+        let message = format!("{text:?} is not the name of a node of ROS 2");
+        let help = "a name begins with `/` and its namespace: `/robot1/controller_server`; its words have letters, digits and `_`";
+        return Err(fault(span, message, help));
+    }
+    Ok(Some(text))
+}
+
+/// Returns the other names of topics, each as `from:=to`.
+pub(super) fn remaps(node: &Node) -> Result<Vec<String>, Mistake> {
     let mut remaps = Vec::new();
     for item in node.children_of(RosRemap) {
         let texts: Vec<_> = item.tokens().filter(|token| token.kind() == Text).collect();
         let [from, to] = texts.as_slice() else { continue };
         for token in [from, to] {
-            let text = token.content();
-            let is_fit = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '/' | '~');
-            if text.is_empty() || text.starts_with("__") || !text.chars().all(is_fit) {
+            let name = NameText::of(token);
+            if !name.can_be(ros_name::is_remapped) {
+                let text = name.text;
                 let message = format!("{text:?} is not a name of a topic or a service of ROS 2");
                 let help = "write a name such as `/cmd_vel`, `cmd_vel` or `~/cmd_vel`; `node` renames the node itself";
                 return Err(fault(token.span(), message, help));
@@ -187,18 +274,18 @@ fn names(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
         }
         remaps.push(format!("{}:={}", from.content(), to.content()));
     }
-    if remaps.is_empty() { Ok(()) } else { exec.add("remaps", &remaps.join(" "), node.span()) }
+    Ok(remaps)
 }
 
-/// Reads the files of parameters. They are separated by `:` as in `PATH`.
-fn files(node: &Node, exec: &mut Words) -> Result<(), Mistake> {
+/// Returns the paths of the files of parameters.
+pub(super) fn files(node: &Node) -> Result<Vec<String>, Mistake> {
     let mut files = Vec::new();
     for item in node.children_of(RosParams).filter(|item| item.token(Text).is_some()) {
         let Told { text, span } = Told::of(&item);
         check_path(&text, span)?;
         files.push(text);
     }
-    if files.is_empty() { Ok(()) } else { exec.add("files", &files.join(":"), node.span()) }
+    Ok(files)
 }
 
 fn lifecycle(module: &mut Module, node: &Node, reader: &mut Reader<'_>, exec: &mut Words) -> Result<(), Mistake> {
@@ -213,7 +300,7 @@ fn lifecycle(module: &mut Module, node: &Node, reader: &mut Reader<'_>, exec: &m
     }
     let within = item.child(Constant).map(|node| reader.duration(&node));
     // A wrong time was already reported.
-    let within = within.flatten().unwrap_or(LIFECYCLE_WITHIN);
+    let within = within.flatten().unwrap_or(WITHIN);
     if within.is_zero() {
         let message = "the time limit of `lifecycle` is zero".to_owned();
         return Err(fault(item.span(), message, "write how long the configuration may take: `lifecycle within 30 s;`"));
@@ -231,18 +318,18 @@ fn check_path(text: &str, span: Span) -> Result<(), Mistake> {
     Ok(())
 }
 
-fn fault(span: Span, message: String, help: &'static str) -> Mistake {
+pub(super) fn fault(span: Span, message: String, help: &'static str) -> Mistake {
     Mistake { code: Code::E0309, span, message, help }
 }
 
 /// The text of an item, and its place.
-struct Told {
-    text: String,
-    span: Span,
+pub(super) struct Told {
+    pub(super) text: String,
+    pub(super) span: Span,
 }
 
 impl Told {
-    fn of(item: &Node) -> Self {
+    pub(super) fn of(item: &Node) -> Self {
         item.token(Text).map_or_else(
             || Self { text: String::new(), span: item.span() },
             |token| Self { text: token.content(), span: token.span() },
@@ -252,23 +339,35 @@ impl Told {
 
 /// The words of an `exec`.
 #[derive(Default)]
-struct Words {
+pub(super) struct Words {
     text: String,
 }
 
 impl Words {
-    fn add(&mut self, name: &str, value: &str, span: Span) -> Result<(), Mistake> {
+    /// Adds a word that was in an `exec` before.
+    fn put(&mut self, text: &str) {
+        if !self.text.is_empty() {
+            self.text.push(' ');
+        }
+        self.text.push_str(&quoted(text).unwrap_or_default());
+    }
+
+    pub(super) fn add(&mut self, name: &str, value: &str, span: Span) -> Result<(), Mistake> {
         self.push(&format!("{name}={value}"), span)
     }
 
     fn push(&mut self, text: &str, span: Span) -> Result<(), Mistake> {
-        let is_bare = |c: char| c.is_ascii_alphanumeric() || "_-./=:+@%,".contains(c);
-        let quoted = if !text.is_empty() && text.chars().all(is_bare) { Some(text.to_owned()) } else { word(text) };
         let message = || fault(span, format!("{text:?} has both kinds of quotes"), "use one kind of quotes");
         self.text.push(' ');
-        self.text.push_str(&quoted.ok_or_else(message)?);
+        self.text.push_str(&quoted(text).ok_or_else(message)?);
         Ok(())
     }
+}
+
+/// Returns a word as an `exec` has it; none if it has both kinds of quotes.
+fn quoted(text: &str) -> Option<String> {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || "_-./=:+@%,".contains(c);
+    if !text.is_empty() && text.chars().all(is_bare) { Some(text.to_owned()) } else { word(text) }
 }
 
 #[cfg(test)]
@@ -337,6 +436,61 @@ mod tests {
                 "slam:=true",
             ],
         );
+    }
+
+    #[test]
+    fn the_names_of_a_program_have_the_values_of_its_parameters() {
+        let module =
+            "(host, robot: Text, side: Text = \"left\") { ros \"demo nav 'node={robot}'\"; setup \"{robot}.bash\";
+            node \"/{robot}/nav\"; remap \"/a\" -> \"/{robot}/a_{side}\"; remap \"b\" -> \"{side}\"; service; }";
+        let exec = leaf(module, "c1, robot = \"r7\"", "").exec.unwrap_or_default();
+        let expected = [
+            "dca-ros",
+            "RosNode",
+            "package=demo",
+            "executable=nav",
+            "node=/r7/nav",
+            "remaps=/a:=/r7/a_left b:=left",
+            "setup={robot}.bash",
+            "stop_ms=5000",
+            "--",
+            "1",
+            "node={robot}",
+        ];
+        assert_eq!(words(&exec).unwrap(), expected);
+    }
+
+    #[test]
+    fn components_are_words_behind_the_own_ones() {
+        let module = "(host, robot: Text) { ros \"demo box --fast\"; node \"/{robot}/box\"; components within 3 s {
+            one \"a a::A\" { remap \"x\" -> \"/{robot}/x\"; params \"my file.yaml\"; intra_process; } two \"b b::B\"; } }";
+        let leaf = leaf(module, "c1, robot = \"r7\"", "");
+        assert_eq!(leaf.policy.ready_within.map(|it| it.as_secs()), Some(20));
+        let expected = [
+            "dca-ros",
+            "RosNode",
+            "package=demo",
+            "executable=box",
+            "node=/r7/box",
+            "stop_ms=5000",
+            "components_ms=3000",
+            "component_words=11",
+            "--",
+            "1",
+            "--fast",
+            "component=one",
+            "package=a",
+            "class=a::A",
+            "node=/r7/one",
+            "remap=x:=/r7/x",
+            "file=my file.yaml",
+            "intra_process=true",
+            "component=two",
+            "package=b",
+            "class=b::B",
+            "node=/r7/two",
+        ];
+        assert_eq!(words(leaf.exec.as_deref().unwrap_or_default()).unwrap(), expected);
     }
 
     #[test]

@@ -33,6 +33,7 @@ impl Parser<'_> {
             "node" => self.text_item(SyntaxKind::RosName, "a string with the name of a node of ROS 2"),
             "params" => self.text_item(SyntaxKind::RosParams, "a string with the path of a file of parameters"),
             "remap" => self.ros_remap(),
+            "components" => self.ros_components(),
             "lifecycle" => self.lifecycle(),
             "env" => self.environment(),
             "inherit" => self.inherit(),
@@ -47,8 +48,8 @@ impl Parser<'_> {
             _ => {
                 self.expected(
                     "`in`, `out`, `proc`, `state`, `calls`, `init`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, \
-                     `python`, `venv`, `action`, `ros`, `setup`, `node`, `remap`, `params`, `lifecycle`, `env`, `inherit`, \
-                     `directory`, `plain` or `stop within`",
+                     `python`, `venv`, `action`, `ros`, `setup`, `node`, `remap`, `params`, `components`, `lifecycle`, `env`, \
+                     `inherit`, `directory`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -203,6 +204,49 @@ impl Parser<'_> {
         }
         self.end_statement();
         self.finish();
+    }
+
+    /// `components{ rectify "image_proc image_proc::RectifyNode"; }`, `components within 30 s { … }`
+    fn ros_components(&mut self) {
+        self.start(SyntaxKind::RosComponents);
+        self.bump();
+        if self.eat_word("within") {
+            self.constant();
+        }
+        self.statements(Self::ros_component);
+        self.finish();
+    }
+
+    /// `rectify "image_proc image_proc::RectifyNode";`, `rectify "…" { remap "image" -> "image_mono"; }`
+    fn ros_component(&mut self) {
+        if !self.at(Ident) {
+            self.expected("the name of a component");
+            return self.skip_statement();
+        }
+        self.start(SyntaxKind::RosComponent);
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("a string with a package of ROS 2 and a class of a component");
+        }
+        if self.at(LeftBrace) {
+            self.statements(Self::ros_component_item);
+        } else {
+            self.end_statement();
+        }
+        self.finish();
+    }
+
+    fn ros_component_item(&mut self) {
+        match self.word(0) {
+            "node" => self.text_item(SyntaxKind::RosName, "a string with the name of a node of ROS 2"),
+            "params" => self.text_item(SyntaxKind::RosParams, "a string with the path of a file of parameters"),
+            "remap" => self.ros_remap(),
+            "intra_process" => self.flag(),
+            _ => {
+                self.expected("`node`, `remap`, `params` or `intra_process`");
+                self.skip_statement();
+            }
+        }
     }
 
     /// `lifecycle;`, `lifecycle within 30 s;`
