@@ -1,5 +1,6 @@
 //! The session with the router of ROS 2: publishers, subscribers, and the tokens that show them to other nodes.
 
+pub(crate) mod container;
 pub(crate) mod installation;
 pub(crate) mod managed;
 pub(crate) mod parameters;

@@ -6,6 +6,7 @@
 
 mod action;
 mod carried;
+mod control;
 mod io;
 mod logic;
 mod module;

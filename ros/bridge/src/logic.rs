@@ -2,6 +2,8 @@
 
 pub(crate) mod arrivals;
 pub(crate) mod command;
+pub(crate) mod component;
+pub(crate) mod container;
 pub(crate) mod conversion;
 pub(crate) mod ending;
 pub(crate) mod goal;

@@ -2,18 +2,21 @@
 //!
 //! Without a lifecycle, the program of ROS 2 runs while the process runs. With a lifecycle, the program is started and configured before
 //! this program says hello to the node of the host. So a mission begins only if its program can be configured. After that, starts and
-//! stops of the process are `activate` and `deactivate`. If the program of ROS 2 ends without a request, this program ends in the same
-//! way in two cases: if the spec restarts it after a failure, and while the process does not run. So the node of the host treats both
-//! as one program.
+//! stops of the process are `activate` and `deactivate`. A container of components is started with the process, and then loads its
+//! components. If the program of ROS 2 ends without a request, this program ends in the same way in two cases: if the spec restarts it
+//! after a failure, and while the process does not run. So the node of the host treats both as one program.
 
+use crate::control::{Control, Life, Loader};
+use crate::io::container::ContainerNode;
 use crate::io::installation::{self, Environment, Prepared};
 use crate::io::lock;
 use crate::io::managed::{Bell, Managed};
 use crate::io::parameters::{self, Asked, NodeParameters};
 use crate::io::program::{self, End, Program};
 use crate::logic::command::{Declared, What};
+use crate::logic::component::Component;
 use crate::logic::ending::{Ending, TERMINATE_WITHIN};
-use crate::logic::lifecycle::{Effect, Input, Lifecycle, Standing, State, Wanted};
+use crate::logic::lifecycle::{Standing, State};
 use crate::setup;
 use comms::io::clock::now;
 use comms::logic::object::ObjectError;
@@ -47,6 +50,8 @@ const PARAMETERS: &[Parameter] = &[
     Parameter::new("remaps", Kind::Text(&[])).or(""),
     Parameter::new("files", Kind::Text(&[])).or(""),
     Parameter::new("lifecycle_ms", Kind::Text(&[])).or(""),
+    Parameter::new("components_ms", Kind::Text(&[])).or(""),
+    Parameter::new("component_words", Kind::Text(&[])).or("0"),
     Parameter::new("stop_ms", Kind::Text(&[])).or("5000"),
     Parameter::new("ends", Kind::Truth).or("false"),
     Parameter::new("restarts", Kind::Truth).or("false"),
@@ -66,14 +71,6 @@ enum Care {
     Loop,
     /// No part handles it: the process does not run, so this program ends together with the program of ROS 2.
     Nothing,
-}
-
-/// The lifecycle of a node, and its services.
-#[derive(Debug)]
-struct Life {
-    lifecycle: Lifecycle,
-    managed: Managed,
-    within: Duration,
 }
 
 /// The effect of a stop of the process on the program.
@@ -103,7 +100,7 @@ pub(crate) struct RosNode {
     prepared: Prepared,
     stop: Duration,
     rules: Rules,
-    life: Option<Life>,
+    control: Control,
     program: Option<Program>,
     care: Arc<Mutex<Care>>,
     ending: Option<Ending>,
@@ -127,10 +124,7 @@ impl RosNode {
         let rules = Rules { ends: arguments.truth("ends"), restarts: arguments.truth("restarts") };
         let prepared = installation::prepare(&declared, installation::environment(arguments.text("setup"))?)?;
         let bell = Arc::new(Bell::default());
-        let life = match arguments.text("lifecycle_ms") {
-            "" => None,
-            _ => Some(Life::new(arguments, &declared, &prepared.environment, &bell)?),
-        };
+        let control = control(arguments, &declared, &prepared.environment, &bell)?;
         let about = interface().about.stop_within(stop + FORCE_WITHIN);
         let exports = if declared.node.is_some() { parameters::exports() } else { Vec::new() };
         let interface = Interface { about, exports, ..interface() };
@@ -141,7 +135,7 @@ impl RosNode {
             prepared,
             stop,
             rules,
-            life,
+            control,
             program: None,
             care,
             ending: None,
@@ -157,13 +151,13 @@ impl RosNode {
 
     /// Moves a node with a lifecycle as far as it can go before its process runs.
     fn get_ready(&mut self) -> Result<(), String> {
-        while let Some(Life { lifecycle, .. }) = &self.life {
-            match lifecycle.standing() {
+        while let Some(standing) = self.control.standing() {
+            match standing {
                 Standing::Reached => break,
                 Standing::Failed(why) => return Err(why.clone()),
                 Standing::Underway => {}
             }
-            self.step(now(), None);
+            self.step(now());
             if let Some(why) = self.trouble.take() {
                 return Err(why);
             }
@@ -209,34 +203,26 @@ impl RosNode {
         Some(end)
     }
 
-    /// Hands over the news of the node, then a new wanted state if there is one, and performs the resulting effects.
-    fn step(&mut self, now: Time, want: Option<Input>) {
-        let Some(Life { lifecycle, managed, .. }) = &mut self.life else { return };
-        let mut effects = Vec::new();
-        for input in managed.news().into_iter().chain(want) {
-            lifecycle.handle(now, input, &mut effects);
+    /// Takes the news, and starts the program if it is time for it.
+    fn step(&mut self, now: Time) {
+        let starts = self.control.step(now);
+        self.start_if(starts, now);
+    }
+
+    fn start_if(&mut self, starts: bool, now: Time) {
+        if !starts {
+            return;
         }
-        for effect in effects {
-            match effect {
-                Effect::Start => {
-                    self.trouble = self.start().err();
-                    if self.trouble.is_some() {
-                        self.forget_program(now);
-                    }
-                }
-                Effect::Change { .. } | Effect::Ask { .. } => {
-                    self.life.iter_mut().for_each(|life| life.managed.perform(effect));
-                }
-            }
+        self.trouble = self.start().err();
+        if self.trouble.is_some() {
+            self.forget_program(now);
         }
     }
 
     /// Records that the program is gone.
     fn forget_program(&mut self, now: Time) {
         self.program = None;
-        if let Some(Life { lifecycle, .. }) = &mut self.life {
-            lifecycle.handle(now, Input::Ended, &mut Vec::new());
-        }
+        self.control.ended(now);
     }
 
     /// Returns the end of the process that follows from the end of the program.
@@ -255,7 +241,7 @@ impl RosNode {
 
     /// Returns what happens to the program when the process stops.
     fn rest_of_program(&self) -> Rest {
-        let Some(Life { lifecycle, .. }) = &self.life else { return Rest::Ends(self.stop) };
+        let Some(lifecycle) = self.control.lifecycle() else { return Rest::Ends(self.stop) };
         let why = match lifecycle.standing() {
             Standing::Underway => return Rest::Waits,
             Standing::Reached if lifecycle.state() == Some(State::Finalized) => "it has been shut down",
@@ -317,22 +303,32 @@ fn check_middleware(environment: &Environment) -> Result<(), &str> {
     if middleware == MIDDLEWARE { Ok(()) } else { Err(middleware) }
 }
 
-impl Life {
-    fn new(
-        arguments: &Arguments,
-        declared: &Declared,
-        environment: &Environment,
-        bell: &Arc<Bell>,
-    ) -> Result<Self, String> {
-        let name = declared.node.as_ref().ok_or("a node with a lifecycle needs a name")?;
-        check_middleware(environment).map_err(|middleware| {
-            format!("`RMW_IMPLEMENTATION` is `{middleware}`: a lifecycle can only be controlled with `{MIDDLEWARE}`")
-        })?;
-        let network = setup::network_of(arguments, |name| environment.get(name).cloned())?;
-        let managed = Managed::open(name, &network, setup::node_name(arguments), Arc::clone(bell))?;
-        let within = millis(arguments, "lifecycle_ms")?;
-        Ok(Self { lifecycle: Lifecycle::new(name.to_string(), within, now()), managed, within })
+/// Returns the control of a program.
+fn control(
+    arguments: &Arguments,
+    declared: &Declared,
+    environment: &Environment,
+    bell: &Arc<Bell>,
+) -> Result<Control, String> {
+    let has_lifecycle = !arguments.text("lifecycle_ms").is_empty();
+    if !has_lifecycle && declared.components.is_empty() {
+        return Ok(Control::None);
     }
+    let (what, limit) = if has_lifecycle { ("a lifecycle", "lifecycle_ms") } else { ("components", "components_ms") };
+    let name = declared.node.as_ref().ok_or_else(|| format!("a program with {what} needs the name of its node"))?;
+    check_middleware(environment).map_err(|middleware| {
+        format!("`RMW_IMPLEMENTATION` is `{middleware}`: {what} can only be controlled with `{MIDDLEWARE}`")
+    })?;
+    let within = millis(arguments, limit)?;
+    let components = installation::requests(declared, environment)?;
+    let network = setup::network_of(arguments, |name| environment.get(name).cloned())?;
+    let (own, bell) = (setup::node_name(arguments), Arc::clone(bell));
+    if has_lifecycle {
+        let managed = Managed::open(name, &network, own, bell)?;
+        return Ok(Control::Lifecycle(Life::new(name.to_string(), managed, within, now())));
+    }
+    let node = ContainerNode::open(name, &network, own, bell)?;
+    Ok(Control::Container(Loader { name: name.to_string(), components, node, within, container: None, number: 0 }))
 }
 
 /// Returns the program that the arguments declare. `rest` contains the number of its own arguments, these arguments, and the arguments of
@@ -341,7 +337,10 @@ fn declared(arguments: &Arguments, rest: &[String]) -> Result<Declared, String> 
     let count = rest.first().map_or(Ok(0), |count| count.parse::<usize>());
     let count = count.map_err(|error| format!("the number of arguments belongs after `--`: {error}"))?;
     let rest = rest.get(1..).unwrap_or_default();
-    let (words, given) = rest.split_at_checked(count).ok_or("there are fewer arguments than `--` says")?;
+    let few = "there are fewer arguments than `--` says";
+    let (words, rest) = rest.split_at_checked(count).ok_or(few)?;
+    let count = arguments.text("component_words").parse().map_err(|error| format!("`component_words`: {error}"))?;
+    let (components, given) = rest.split_at_checked(count).ok_or(few)?;
     let name = |parameter: &str| {
         let text = arguments.text(parameter);
         let is_fit = !text.contains('/') && !text.starts_with('.');
@@ -366,6 +365,7 @@ fn declared(arguments: &Arguments, rest: &[String]) -> Result<Declared, String> 
         node,
         remaps: list("remaps", ' '),
         files: list("files", ':'),
+        components: Component::list(components)?,
         words: words.to_vec(),
         given: given.to_vec(),
     })
@@ -386,14 +386,14 @@ impl Module for RosNode {
     }
 
     fn init(&mut self, _: &[u8], now: Time) -> Result<(), String> {
-        if self.life.is_none() && self.program.is_some() {
+        if self.control.lifecycle().is_none() && self.program.is_some() {
             return Err(format!("its earlier program `{}` is still there", self.shown()));
         }
         *lock(&self.care) = Care::Loop;
         (self.ending, self.is_stopping, self.trouble) = (None, false, None);
-        let Some(Life { within, .. }) = self.life else { return self.start() };
-        self.step(now, Some(Input::Want { wanted: Wanted::Active, within }));
-        Ok(())
+        let starts = self.control.begin(now);
+        self.start_if(starts, now);
+        self.trouble.take().map_or(Ok(()), Err)
     }
 
     fn configure(&mut self, _: Arguments, _: bool) -> Result<Configured, String> {
@@ -401,14 +401,14 @@ impl Module for RosNode {
     }
 
     fn calculate(&mut self, now: Time) -> Progress {
-        self.step(now, None);
+        self.step(now);
         if let Some(end) = self.take_end() {
             return self.over(end);
         }
         if let Some(why) = self.trouble.take() {
             return Progress::Aborted(why);
         }
-        match self.life.as_ref().map(|life| life.lifecycle.standing()) {
+        match self.control.standing() {
             Some(Standing::Failed(why)) => Progress::Aborted(why.clone()),
             Some(Standing::Underway | Standing::Reached) | None => Progress::Continue,
         }
@@ -416,7 +416,8 @@ impl Module for RosNode {
 
     fn stop(&mut self, now: Time) -> Stopping {
         let is_first = !std::mem::replace(&mut self.is_stopping, true);
-        self.step(now, is_first.then_some(Input::Want { wanted: Wanted::Resting, within: self.stop }));
+        let starts = if is_first { self.control.stop(now, self.stop) } else { self.control.step(now) };
+        self.start_if(starts, now);
         if self.ending.is_none() && self.program.is_some() {
             match self.rest_of_program() {
                 Rest::Stays => {
@@ -449,8 +450,7 @@ impl Module for RosNode {
     }
 
     fn signals(&self) -> Vec<Signal> {
-        let state = self.life.as_ref().map(|life| life.lifecycle.state().map_or(0, State::number));
-        state.into_iter().map(|state| setup::signal("lifecycle state".to_owned(), u64::from(state))).collect()
+        self.control.signal().into_iter().collect()
     }
 
     fn take_waker(&mut self, waker: Waker) {
@@ -464,8 +464,6 @@ impl Drop for RosNode {
         if self.program.is_some() {
             self.end(self.stop);
         }
-        if let Some(Life { managed, .. }) = self.life.take() {
-            managed.close();
-        }
+        std::mem::replace(&mut self.control, Control::None).close();
     }
 }

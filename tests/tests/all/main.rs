@@ -57,6 +57,7 @@ mod replay;
 mod results;
 mod rooms;
 mod ros_calls;
+mod ros_containers;
 mod ros_nodes;
 mod ros_parameters;
 mod ros_topics;

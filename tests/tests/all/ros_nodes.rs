@@ -46,14 +46,18 @@ impl Installation {
         installation
     }
 
-    fn write(&self, name: &str, text: &str, mode: u32) {
+    pub(super) fn write(&self, name: &str, text: &str, mode: u32) {
         let path = self.folder.join(name);
         fs::create_dir_all(path.parent().expect("it has a folder")).expect("the folder is ours");
         fs::write(&path, text).expect("the folder is ours");
         fs::set_permissions(&path, Permissions::from_mode(mode)).expect("the file is ours");
     }
 
-    fn read(&self, name: &str) -> String {
+    pub(super) fn path(&self) -> String {
+        self.folder.display().to_string()
+    }
+
+    pub(super) fn read(&self, name: &str) -> String {
         fs::read_to_string(self.folder.join(name)).unwrap_or_default()
     }
 
@@ -79,7 +83,7 @@ impl Installation {
     }
 }
 
-fn is_running(pid: Pid) -> bool {
+pub(super) fn is_running(pid: Pid) -> bool {
     test_kill_process(pid).is_ok()
 }
 
@@ -156,7 +160,7 @@ fn goal(transition: u8) -> u8 {
 
 const LIFECYCLE: &str = "ros \"demo nav\"; node \"/robot1/nav\"; lifecycle within 20 s;";
 
-fn stopped(mission: Program, cluster: &Cluster) {
+pub(super) fn stopped(mission: Program, cluster: &Cluster) {
     mission.signal(Signal::INT);
     let ended = mission.ended(SOON);
     assert!(ended.err.contains("stopped") || ended.out.contains("stopped"), "{ended}");

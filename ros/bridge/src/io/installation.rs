@@ -3,7 +3,10 @@
 //! Executables and launch files are found in the same way as by `ros2 run` and `ros2 launch`. Source: `ros2pkg`, `ros2launch` and
 //! `ament_index_python`.
 
+use super::container::Request;
 use crate::logic::command::{Declared, What, variables};
+use crate::logic::component::Component;
+use ros::logic::parameters;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Read};
@@ -23,10 +26,14 @@ const TROUBLE_MAX: u64 = 2000;
 /// The greatest depth of folders in a package that are searched for files, and the largest number of entries.
 const DEPTH_MAX: usize = 5;
 const ENTRIES_MAX: usize = 10_000;
-/// The largest number of executables that are named in the reason why one is not found.
+/// The largest number of executables or components that are named in the reason why one is not found.
 const NAMED_MAX: usize = 8;
 /// The folder with the packages of an installation, below each of its prefixes.
 const INDEX: &str = "share/ament_index/resource_index/packages";
+/// The folder with the components of each package, below each prefix. A line has a class, `;` and a library.
+const COMPONENTS: &str = "share/ament_index/resource_index/rclcpp_components";
+/// The longest list of the components of a package, and the longest file of their parameters, in bytes.
+const LIST_MAX: u64 = 1 << 20;
 /// Variables of the bridge that the node of ROS 2 does not get. So it cannot send signs of life for the bridge, and cannot talk to the node
 /// of the host.
 const OWN: [&str; 6] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID", "DCA_CONTROL", "DCA_DATA_SOCKET", "DCA_TEAM"];
@@ -98,6 +105,55 @@ pub(crate) fn prepare(declared: &Declared, environment: Environment) -> Result<P
         }
     };
     Ok(Prepared { path, arguments: declared.arguments(), environment })
+}
+
+/// Returns the requests that load the components of a container. Reads their files of parameters, and checks that they are installed.
+///
+/// # Errors
+/// The error is a sentence for a person.
+pub(crate) fn requests(declared: &Declared, environment: &Environment) -> Result<Vec<Request>, String> {
+    let prefixes = environment.get("AMENT_PREFIX_PATH").map_or("", String::as_str);
+    let request = |component: &Component| {
+        check_installed(component, prefixes)?;
+        let mut in_files = BTreeMap::new();
+        for file in &component.files {
+            let text = read_short(Path::new(file)).map_err(|error| error.to_string());
+            let found =
+                text.and_then(|text| parameters::of_node(&text, &component.node).map_err(|why| why.to_string()));
+            in_files.extend(found.map_err(|why| format!("the file of parameters `{file}` cannot be read: {why}"))?);
+        }
+        let message = component.request(in_files, &declared.given)?;
+        Ok(Request { shown: component.shown(), node: component.node.to_string(), message })
+    };
+    declared.components.iter().map(request).collect()
+}
+
+/// Checks that a package has a component, as a container will look for it.
+fn check_installed(component: &Component, prefixes: &str) -> Result<(), String> {
+    let Component { package, class, .. } = component;
+    let lists = prefixes.split(':').filter(|prefix| !prefix.is_empty());
+    let mut lists = lists.map(|prefix| Path::new(prefix).join(COMPONENTS).join(package));
+    let Some(list) = lists.find(|list| list.is_file()) else {
+        return Err(format!("{}: ROS 2 has no package `{package}` with components in `{prefixes}`", component.shown()));
+    };
+    let text = read_short(&list).map_err(|error| format!("`{}` cannot be read: {error}", list.display()))?;
+    let classes = text.lines().filter_map(|line| line.split(';').next()).filter(|found| !found.is_empty());
+    if classes.clone().any(|found| found == class) {
+        return Ok(());
+    }
+    let mut known: Vec<String> = classes.take(NAMED_MAX).map(|found| format!("`{found}`")).collect();
+    if known.is_empty() {
+        known.push("no components".to_owned());
+    }
+    Err(format!("package `{package}` has no component `{class}`; it has {}", known.join(", ")))
+}
+
+/// Reads a text file of limited size.
+fn read_short(path: &Path) -> io::Result<String> {
+    check_readable(path)?;
+    let mut text = String::new();
+    fs::File::open(path)?.take(LIST_MAX + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > LIST_MAX { Err(io::Error::other("it is longer than 1 MiB")) } else { Ok(text) }
 }
 
 /// Checks the kind of the file first: a folder could be opened without an error, and opening a pipe would wait for its writer.
@@ -294,6 +350,39 @@ mod tests {
         let not_a_file = Declared { files: vec![folder.path("lib")], ..missing };
         let why = prepare(&not_a_file, environment("")).unwrap_err();
         assert!(why.ends_with("lib` cannot be read: it is a directory"), "{why}");
+    }
+
+    #[test]
+    fn components_are_found_as_a_container_finds_them() {
+        let folder = Folder::new("components");
+        folder.file(&format!("{COMPONENTS}/demo"), "demo::Talker;lib/libtalker.so\ndemo::Listener;lib/l.so\n", 0o644);
+        folder.file("own.yaml", "/**: { ros__parameters: { rate: 5 } }", 0o644);
+        let environment = Environment::from([("AMENT_PREFIX_PATH".to_owned(), format!(":{}", folder.0.display()))]);
+        let requests = |class: &str, package: &str, file: &str| {
+            let words = ["component=talk", &format!("package={package}"), &format!("class={class}"), "node=/a/talk"];
+            let mut components = Component::list(&words.map(str::to_owned)).unwrap();
+            components[0].files.push(folder.path(file));
+            let given = vec!["talk.on=true".to_owned()];
+            requests(
+                &Declared { components, given, ..Declared::demo(What::Executable("box".to_owned())) },
+                &environment,
+            )
+        };
+        let found = requests("demo::Talker", "demo", "own.yaml").unwrap();
+        let names: Vec<&str> = found[0].message.parameters.iter().map(|one| one.name.as_str()).collect();
+        assert_eq!((found[0].node.as_str(), names), ("/a/talk", vec!["on", "rate"]));
+        let why = |class: &str, package: &str, file: &str| requests(class, package, file).unwrap_err();
+        assert_eq!(
+            why("demo::Walker", "demo", "own.yaml"),
+            "package `demo` has no component `demo::Walker`; it has `demo::Talker`, `demo::Listener`"
+        );
+        assert!(why("demo::Talker", "other", "own.yaml").contains("no package `other` with components"));
+        assert!(
+            why("demo::Talker", "demo", "none.yaml")
+                .ends_with("none.yaml` cannot be read: No such file or directory (os error 2)")
+        );
+        folder.file("own.yaml", "a: [", 0o644);
+        assert!(why("demo::Talker", "demo", "own.yaml").contains("own.yaml` cannot be read: line "));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! Source: `rcl_parse_arguments` (`--ros-args`, `-r`, `-p`, `--params-file`). Values of parameters are YAML, as in the plan.
 
+use super::component::Component;
 use ros::logic::key::GraphName;
 
 /// A program of ROS 2.
@@ -14,6 +15,8 @@ pub(crate) struct Declared {
     pub(crate) remaps: Vec<String>,
     /// Files with parameters.
     pub(crate) files: Vec<String>,
+    /// The components that a container loads.
+    pub(crate) components: Vec<Component>,
     /// The arguments in the text after `ros`.
     pub(crate) words: Vec<String>,
     /// The arguments of the process, each as `name=value`: parameters of an executable as YAML, or arguments of a launch file.
@@ -60,8 +63,10 @@ impl Declared {
         all
     }
 
+    /// Returns the arguments of the process that are not parameters of a component.
     fn given(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.given.iter().filter_map(|given| given.split_once('='))
+        let is_own = |given: &&String| self.components.iter().all(|component| component.own(given).is_none());
+        self.given.iter().filter(is_own).filter_map(|given| given.split_once('='))
     }
 }
 
@@ -82,6 +87,7 @@ impl Declared {
             node: None,
             remaps: Vec::new(),
             files: Vec::new(),
+            components: Vec::new(),
             words: Vec::new(),
             given: Vec::new(),
         }
