@@ -4,6 +4,7 @@
 //! of `main`; at any other place the argument has a fixed value in the spec. `walk` executes the actions in their order,
 //! like `ros2 launch`, and collects the `Program`s; `spec` writes these.
 
+mod component;
 mod entity;
 mod expression;
 mod include;

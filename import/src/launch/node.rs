@@ -1,8 +1,9 @@
 //! The programs for nodes, for launch files in Python, and for other commands.
 
+use super::component;
 use super::entity::Entity;
 use super::parameter::{Literal, is_name};
-use super::program::{Ends, Parameter, Program};
+use super::program::{Container, Ends, Parameter, Program};
 use super::scope::inside;
 use super::settings::Settings;
 use super::value::Value;
@@ -61,8 +62,9 @@ pub(super) fn node(importer: &mut Importer<'_>, entity: &Entity) -> Result<Progr
     let mut settings = Settings::default();
     let mut items = Vec::new();
     let whole = name.as_ref().map(|name| format!("{}/{name}", namespace.trim_end_matches('/')));
-    match whole.filter(|whole| is_graph_name(whole)) {
-        Some(whole) => items.push(format!("node {};", quoted(&whole))),
+    let whole = whole.filter(|whole| is_graph_name(whole));
+    match &whole {
+        Some(whole) => items.push(format!("node {};", quoted(whole))),
         None if name.is_some() => {
             importer.missing(
                 entity,
@@ -75,7 +77,6 @@ pub(super) fn node(importer: &mut Importer<'_>, entity: &Entity) -> Result<Progr
     }
     let has_name = !items.is_empty();
     settings.read(importer, entity);
-    composable(importer, entity, name.as_deref().unwrap_or(&executable));
     let line = command_line(importer, entity, [&package, &executable], settings.words)?;
     items.insert(0, format!("ros {};", quoted(&line)));
     items.splice(1..1, setup(importer));
@@ -87,6 +88,8 @@ pub(super) fn node(importer: &mut Importer<'_>, entity: &Entity) -> Result<Progr
     let mut program = program(importer, [wanted, &description], items);
     program.parameters = settings.parameters;
     program.ends = ends;
+    program.container = whole.filter(|_| ends == Ends::Done).map(Container::new);
+    component::of_container(importer, entity, &mut program);
     common(importer, entity, &mut program);
     let parts = ["param", "remap", "env", "composable_node"];
     unread_parts(importer, entity, &parts);
@@ -166,23 +169,6 @@ pub(super) fn executable(importer: &mut Importer<'_>, entity: &Entity) -> Result
     Ok(program)
 }
 
-/// Notes the components that a container would load.
-pub(super) fn composable(importer: &mut Importer<'_>, entity: &Entity, target: &str) {
-    for part in entity.parts("composable_node") {
-        composable_node(importer, part, target);
-    }
-}
-
-fn composable_node(importer: &mut Importer<'_>, entity: &Entity, target: &str) {
-    if importer.is_on(entity) {
-        let [package, plugin] =
-            ["pkg", "plugin"].map(|name| importer.text(entity, name).ok().flatten().unwrap_or_default());
-        let why =
-            format!("component `{plugin}` of `{package}` is not loaded into `{target}`; use an executable of its own");
-        importer.missing(entity, &why);
-    }
-}
-
 /// Returns a program with names of its own. The texts are the wish for its name, and a sentence.
 fn program(importer: &mut Importer<'_>, [wanted, description]: [&str; 2], items: Vec<String>) -> Program {
     let module = importer.module_names.take(&pascal(wanted));
@@ -196,6 +182,7 @@ fn program(importer: &mut Importer<'_>, [wanted, description]: [&str; 2], items:
         parameters: Vec::new(),
         ends: Ends::Done,
         policies: Vec::new(),
+        container: None,
         remarks: 0..0,
     }
 }
@@ -333,7 +320,7 @@ fn unread_parts(importer: &mut Importer<'_>, entity: &Entity, read: &[&str]) {
 }
 
 /// Whether a text is the full name of a node or a namespace. Source: the names of ROS 2.
-fn is_graph_name(text: &str) -> bool {
+pub(super) fn is_graph_name(text: &str) -> bool {
     let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let is_word =
         |word: &str| word.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') && word.chars().all(is_part);

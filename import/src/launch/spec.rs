@@ -1,6 +1,6 @@
 //! The text of the spec.
 
-use super::program::{Ends, Program};
+use super::program::{Component, Ends, Program, Record};
 use super::walk::{Importer, Step};
 use crate::Imported;
 use crate::name::{duration, plain};
@@ -32,14 +32,27 @@ pub(super) fn imported(importer: Importer<'_>, file: &str, steps: &[Step]) -> Im
 
 fn module(program: &Program) -> String {
     let Program { module, description, items, parameters, ends, .. } = program;
-    let parameters: String =
-        parameters.iter().map(|parameter| format!(", {}", parameter.value.declared(&parameter.name))).collect();
+    let declared = parameters.iter().map(|parameter| parameter.value.declared(&parameter.name));
+    let declared = declared.chain(records(program).map(|record| record.declared.clone()));
+    let parameters: String = declared.map(|declared| format!(", {declared}")).collect();
+    let components: Vec<&str> = components(program).map(|component| component.text.as_str()).collect();
     let end = match ends {
+        _ if !components.is_empty() => &format!("components{{\n{}\n}}\n", components.join("\n")),
         Ends::Done => "done;\n",
         Ends::Service => "service;\n",
         Ends::Lifecycle => "",
     };
     format!("/// {description}\nmodule {module}(host: Host{parameters}) {{\n{}\n{end}}}\n", items.join("\n"))
+}
+
+/// Returns the components of a program.
+fn components(program: &Program) -> impl Iterator<Item = &Component> {
+    program.container.iter().flat_map(|container| &container.components)
+}
+
+/// Returns the parameters of the components of a program.
+fn records(program: &Program) -> impl Iterator<Item = &Record> {
+    components(program).filter_map(|component| component.record.as_ref())
 }
 
 fn main(importer: &Importer<'_>, file: &str, steps: &[Step]) -> String {
@@ -55,10 +68,13 @@ fn main(importer: &Importer<'_>, file: &str, steps: &[Step]) -> String {
     text += &format!("process main(robot: Host = c1{parameters}){{ host{{robot}}\n");
     if !importer.programs.is_empty() {
         text += "instantiated_processes{\n";
-        for Program { module, instance, parameters, policies, .. } in &importer.programs {
+        for program in &importer.programs {
+            let Program { module, instance, parameters, policies, .. } = program;
             let given = parameters.iter().filter_map(|parameter| {
                 parameter.given.as_ref().map(|given| format!(", {} = {given}", parameter.name))
             });
+            let given =
+                given.chain(records(program).filter_map(|record| Some(format!(", {}", record.given.as_ref()?))));
             let policies = if policies.is_empty() { ";".into() } else { format!("{{ {} }}", policies.join(" ")) };
             text += &format!("{instance} instof {module}(robot{}){policies}\n", given.collect::<String>());
         }

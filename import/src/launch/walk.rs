@@ -6,7 +6,7 @@ use super::program::Program;
 use super::scope::{Scopes, Setting, inside};
 use super::substitution::{self, Names};
 use super::value::Value;
-use super::{Files, LaunchSettings, include, node, spec};
+use super::{Files, LaunchSettings, component, include, node, spec};
 use crate::Imported;
 use crate::name;
 use crate::remark::{Remark, RemarkKind};
@@ -310,7 +310,7 @@ impl Importer<'_> {
             }
             "load_composable_node" => {
                 let target = self.needed(entity, "target")?;
-                node::composable(self, entity, &target);
+                component::into_target(self, entity, &target);
                 Ok(())
             }
             other => Err(self.missing(entity, &format!("`{other}` has no counterpart"))),

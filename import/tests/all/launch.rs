@@ -192,7 +192,7 @@ fn files_that_are_no_launch_files_are_refused() {
 
 const KINDS: &str = "node lifecycle_node node_container executable group include arg let param remap env set_env unset_env \
                      push_ros_namespace set_parameter set_remap set_parameters_from_file set_use_sim_time timer log \
-                     composable_node load_composable_node shutdown choice";
+                     composable_node load_composable_node extra_arg shutdown choice";
 const ATTRIBUTES: &str = "pkg exec name namespace args ros_args respawn respawn_delay sigterm_timeout cwd cmd shell from to \
                           value type default description if unless file filename period scoped forwarding target plugin \
                           autostart output allow_substs";
@@ -210,6 +210,7 @@ fn nonsense(random: &mut Random, depth: usize) -> String {
     let likely: &[&str] = match kind {
         "node" | "lifecycle_node" | "node_container" => &["pkg", "exec", "name", "namespace", "args"],
         "executable" => &["cmd", "name", "shell"],
+        "composable_node" => &["pkg", "plugin", "name"],
         "include" => &["file"],
         "arg" => &["name", "default"],
         "remap" | "set_remap" => &["from", "to"],
