@@ -161,6 +161,9 @@ impl<'a> Ports<'a> {
             let activity = self.interfaces.outside(port, &connection.endpoint, Code::E0309);
             activity.or_else(|| topics::check(connection, port))
         });
+        let names = std::iter::once(&connection.name).chain(&connection.frames);
+        let (params, own) = (&self.process.params, &self.process.name.text);
+        self.diagnostics.extend(names.filter_map(|name| name.misfit(params, own)));
         self.diagnostics.extend(found);
     }
 

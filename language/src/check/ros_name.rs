@@ -59,13 +59,13 @@ impl NameText {
         value: impl Fn(&str) -> Option<String>,
         is_fit: impl Fn(&str) -> bool,
         of: &str,
-    ) -> Result<String, Diagnostic> {
+    ) -> Result<String, Box<Diagnostic>> {
         let text = filled(&self.text, &value);
         if is_fit(&text) {
             return Ok(text);
         }
         let found = Diagnostic::new(Code::E0309, self.span, format!("{text:?} is not {of} of ROS 2"));
-        Err(found.help(values_of(&self.params(), value)))
+        Err(Box::new(found.help(values_of(&self.params(), value))))
     }
 }
 

@@ -4,12 +4,11 @@ mod expr;
 mod kind;
 
 use super::range::Range;
+use super::ros_name::NameText;
 use crate::plan::{Backoff, Constant, Environment, LeafKind, OnBoot, Policy, Quality, Supervision, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
-use ros::logic::frame::FramePrefix;
-use ros::logic::key::GraphName;
 use ros::logic::qos::Qos;
 use ros::logic::route::Way;
 use std::collections::BTreeMap;
@@ -284,10 +283,10 @@ pub(crate) struct Outside {
 #[derive(Clone, Debug)]
 pub(crate) struct TopicConnection {
     pub(crate) endpoint: Endpoint,
-    pub(crate) name: GraphName,
+    pub(crate) name: NameText,
     pub(crate) qos: Qos,
     /// The prefix of the frames of the robot in ROS 2.
-    pub(crate) frames: Option<FramePrefix>,
+    pub(crate) frames: Option<NameText>,
     pub(crate) way: Way,
     pub(crate) span: Span,
 }

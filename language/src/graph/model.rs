@@ -228,7 +228,7 @@ fn topics(unit: &mut Unit, process: &Process) -> Vec<Link> {
     for topic in &process.outside.topics {
         let Some(inner) = end(unit, &topic.endpoint) else { continue };
         let direction = if topic.way.is_outward() { Direction::In } else { Direction::Out };
-        let name = topic.name.as_str();
+        let name = topic.name.text.as_str();
         let known = unit.units.iter().skip(count).position(|unit| unit.name == name).map(|at| count + at);
         let slot = known.unwrap_or_else(|| {
             unit.units.push(Unit {

@@ -157,6 +157,22 @@ fn expect_echo(ros: &Ros, heard: &Receiver<Sample>, first: i64, text: &str) {
     assert!(answered.is_some(), "no echo of {text:?}");
 }
 
+/// Each robot gives the parameter another value when the same spec is deployed.
+#[test]
+fn a_topic_has_the_name_that_a_parameter_gives_it() {
+    let (cluster, ros) = (Cluster::new(), Ros::new());
+    let (_subscriber, heard) = ros.hear();
+    let spec = ECHO.replace("main()", "main(way: Text = \"away\", back: Text = \"home\")");
+    let spec = spec.replace("/there", "/{way}").replace("\"/back", "\"{back}");
+    let mission = run_with(&cluster, &ros, &spec, &["--set", "way=there", "--set", "back=/back"]);
+    expect_echo(&ros, &heard, 1, "one");
+    mission.signal(Signal::INT);
+    mission.ended(SOON);
+    let ended = run_with(&cluster, &ros, &spec, &["--set", "way=there and back"]).ended(SOON);
+    let [why, value] = ["is not the name of a topic of ROS 2", "`way` is `there and back`"];
+    assert!(ended.code != Some(0) && ended.err.contains(why) && ended.err.contains(value), "{ended}");
+}
+
 #[test]
 fn a_killed_bridge_is_back_and_the_mission_goes_on() {
     let (cluster, ros) = (Cluster::new(), Ros::new());

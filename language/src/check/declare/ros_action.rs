@@ -3,14 +3,14 @@
 //! The bridge's program starts such a module. The start value is the goal, and a stop cancels the goal. The result is the value of the
 //! module. Feedback is the only output.
 
-use crate::check::spec::{Direction, Kind, Module, Port};
+use crate::check::ros_name::{self, NameText};
+use crate::check::spec::{Direction, Kind, Module, Param, Port};
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{BRIDGE_PROGRAM, LeafKind, ROS_VARIABLES};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{Exec, Python, RosAction, StopWithin, Text};
 use crate::syntax::ast::{Name, Node};
-use ros::logic::key::GraphName;
 use ros::logic::library;
 use std::time::Duration;
 
@@ -36,10 +36,12 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
         let message = "a module that is an action of ROS 2 cannot have a program of its own";
         return refuse(Code::E0011, item.span(), message.to_owned(), None);
     }
-    let has_params = module.params.as_ref().is_some_and(|params| !params.is_empty());
+    let name = NameText::of(&token);
+    let is_used = |param: &Param| name.params().contains(&param.name.text.as_str());
+    let has_params = module.params.as_ref().is_some_and(|params| !params.iter().all(is_used));
     if has_params || !module.ports.is_empty() || !module.outcomes.is_empty() || module.is_service {
         let message = format!(
-            "an action of ROS 2 ends by itself; its only port is the output `{FEEDBACK}`, and it has no parameters"
+            "an action of ROS 2 ends by itself; its only port is the output `{FEEDBACK}`, and its parameters are parts of its name"
         );
         return refuse(
             Code::E0309,
@@ -48,12 +50,11 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
             Some("remove the ports, `service`, `done(...)` and all parameters except the host".to_owned()),
         );
     }
-    let written = token.content();
-    let Some(name) = GraphName::parse(&written).filter(|name| written.starts_with('/') && is_short(name)) else {
-        let message = format!("{written:?} is not the name of an action of ROS 2");
+    if !name.can_be(ros_name::is_node) {
+        let message = format!("{:?} is not the name of an action of ROS 2", name.text);
         let help = "a name begins with `/` and has at most 200 bytes; its words have letters, digits and `_`, and do not begin with a digit";
         return refuse(Code::E0309, token.span(), message, Some(help.to_owned()));
-    };
+    }
     let Some(of) = library::actions().find(|action| action.spec() == kind.text) else {
         let known: Vec<String> = library::actions().map(|action| format!("`{}`", action.spec())).collect();
         let message = format!("`{}` is not a known action of ROS 2", kind.text);
@@ -63,7 +64,11 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     let wait = if has_limit { module.times.stop_within } else { STOP_WITHIN };
     module.times.stop_within = wait.saturating_add(LEAVE_WITHIN);
     let stop = wait.as_millis();
-    module.exec = Some(format!("{BRIDGE_PROGRAM} {TYPE} action={name} type={of} stop_ms={stop}"));
+    // Quotes keep a name with parameters one word.
+    module.exec = Some(match name.params().is_empty() {
+        true => format!("{BRIDGE_PROGRAM} {TYPE} action={} type={of} stop_ms={stop}", name.text),
+        false => format!("{BRIDGE_PROGRAM} {TYPE} 'action={}' type={of} stop_ms={stop}", name.text),
+    });
     module.environment.inherited.extend(ROS_VARIABLES.map(str::to_owned));
     module.has_end = true;
     let feedback = Kind { text: of.with("_Feedback").spec(), span: kind.span, fields: None };
@@ -71,9 +76,9 @@ pub(super) fn read(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
     module.ports.push(Port { name, direction: Direction::Out, kind: Some(feedback), is_optional: true, call: None });
 }
 
-/// Returns whether the name of an action is short enough for the names of its topics and services.
-fn is_short(name: &GraphName) -> bool {
-    name.as_str().len() <= 200
+/// Returns whether the `exec` of a module is the program for an action.
+pub(in crate::check) fn is_action(exec: &str) -> bool {
+    exec.strip_prefix(BRIDGE_PROGRAM).is_some_and(|rest| rest.starts_with(&format!(" {TYPE} ")))
 }
 
 #[cfg(test)]

@@ -129,7 +129,7 @@ fn class_of(text: &str, span: Span) -> Result<[String; 2], Mistake> {
     let help = "write the package and the class: `rectify \"image_proc image_proc::RectifyNode\";`";
     let all = words(text).map_err(|why| fault(span, format!("this names no component: {why}"), help))?;
     let [package, class] = <[String; 2]>::try_from(all)
-        .map_err(|_| fault(span, "a component needs the names of a package and of a class".to_owned(), help))?;
+        .map_err(|_words| fault(span, "a component needs the names of a package and of a class".to_owned(), help))?;
     let is_fit = |text: &str, more: &str| text.chars().all(|c| c.is_ascii_alphanumeric() || more.contains(c));
     if package.starts_with('.') || !is_fit(&package, "_-.") || !is_fit(&class, "_-.:/<>") {
         return Err(fault(span, format!("{text:?} is not a package and a class of a component"), help));

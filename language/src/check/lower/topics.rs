@@ -6,6 +6,7 @@
 use super::tree::Tree;
 use super::wires::{Wires, leaf_port};
 use crate::check::ports;
+use crate::check::ros_name;
 use crate::check::spec::{Spec, Target, TopicConnection};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{
@@ -13,6 +14,8 @@ use crate::plan::{
     MemberKind, Plan, Policy, Quality, ROS_VARIABLES, ROUTES, Replacement, Restart, Retention, Transfer, Wire,
 };
 use crate::source::Span;
+use ros::logic::frame::FramePrefix;
+use ros::logic::key::GraphName;
 use ros::logic::name::TypeName;
 use ros::logic::qos::{Durability, Qos};
 use ros::logic::route::{ROUTES_MAX, Route, Way};
@@ -57,7 +60,8 @@ impl Topics {
                 let message = format!("`{}` is connected with ROS 2, so two of its programs cannot overlap", leaf.path);
                 self.problems.push(Diagnostic::new(Code::E0309, connection.span, message));
             }
-            let TopicConnection { name, qos, frames, way, span, .. } = connection.clone();
+            let Some((name, frames)) = self.names(connection, tree.texts(spec, group)) else { continue };
+            let TopicConnection { qos, way, span, .. } = *connection;
             let route = Route { name, of, way, qos, frames };
             let port = route.port();
             let Some(bridge) = self.place(leaf.host, route, span) else { continue };
@@ -73,6 +77,27 @@ impl Topics {
             let wire = wires.add(Wire { from, to, transfer, quality });
             if !self.wires.contains(&wire) {
                 self.wires.push(wire);
+            }
+        }
+    }
+
+    /// Returns the name and the prefix of frames of a connection in a group with these values. Reports names that ROS 2 refuses.
+    fn names(
+        &mut self,
+        connection: &TopicConnection,
+        value: impl Fn(&str) -> Option<String>,
+    ) -> Option<(GraphName, Option<FramePrefix>)> {
+        let of = if connection.way.is_service() { "the name of a service" } else { "the name of a topic" };
+        let name = connection.name.resolved(&value, ros_name::is_topic, of);
+        let is_prefix = |text: &str| FramePrefix::parse(text).is_some();
+        let frames = connection.frames.as_ref().map(|frames| frames.resolved(&value, is_prefix, "a prefix of frames"));
+        match (name, frames.transpose()) {
+            (Ok(name), Ok(frames)) => {
+                Some((GraphName::parse(&name)?, frames.and_then(|frames| FramePrefix::parse(&frames))))
+            }
+            (name, frames) => {
+                self.problems.extend([name.err(), frames.err()].into_iter().flatten().map(|why| *why));
+                None
             }
         }
     }

@@ -2,7 +2,8 @@
 
 use super::data::{Data, data, filled, flatten};
 use super::ros_arguments::RosArguments;
-use crate::check::declare::ros_node::{form, restarting};
+use crate::check::declare::ros_action::is_action;
+use crate::check::declare::ros_node::{Refused, form, named, restarting};
 use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::interface::parameters_of;
 use crate::check::spec::{Arg, ExprKind, Instance, Module, Process, Spec, Target, Value};
@@ -101,6 +102,15 @@ impl Tree {
         let values = bind(spec, &spec.processes[root], &[], &[]);
         builder.group(root, "main".to_owned(), &values, Place::Root);
         builder.finish()
+    }
+
+    /// Returns the texts that the parameters of a group have, by name.
+    pub(super) fn texts(&self, spec: &Spec, group: usize) -> impl Fn(&str) -> Option<String> {
+        let params = &spec.processes[self.process_of[group]].params;
+        move |name| {
+            let index = params.iter().position(|param| param.name.text == name)?;
+            text_of(self.values_of[group].get(index)?)
+        }
     }
 
     /// Returns the claims of the leaves, in the order of the leaves.
@@ -222,11 +232,12 @@ impl Builder<'_> {
         let rest = rest.iter().filter(|arg| arg.name.as_ref().is_none_or(|name| name.text != "host"));
         let (rest, params) = (rest.collect::<Vec<_>>(), module.and_then(|module| module.params.as_deref()));
         self.check_ranges(params.unwrap_or_default(), &rest, values);
-        let arguments = self.arguments(module, &rest, values);
+        let given = self.given(module, &rest, values);
+        let exec = self.exec(instance, module, &given);
+        let arguments = self.arguments(module, given);
         let leaf = number(self.tree.leaves.len());
         let outcomes = module.iter().flat_map(|module| &module.outcomes).map(|outcome| outcome.name.text.clone());
         let policy = policy(instance, module, &self.spec.processes[self.tree.process_of[group]]);
-        let exec = module.and_then(|module| module.exec.clone());
         let is_started_again = policy.restart != Restart::Temporary;
         self.tree.leaves.push(Leaf {
             path,
@@ -256,16 +267,40 @@ impl Builder<'_> {
     fn parameters(&self, module: &Module) -> Option<Vec<Parameter>> {
         let is_started =
             module.kind == LeafKind::Controller && module.exec.as_deref().is_some_and(|exec| form(exec).is_none());
+        if module.exec.as_deref().is_some_and(is_action) {
+            return Some(Vec::new());
+        }
         module.params.as_deref().filter(|_| is_started).and_then(|params| parameters_of(self.spec, params))
     }
 
-    /// Returns the arguments of a leaf after its host: first the given arguments in their order, then the defaults of the other parameters.
-    /// Each argument has a name, even if it was given by position. It has none only if the parameters are unknown.
-    fn arguments(&mut self, module: Option<&Module>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
+    /// Returns the command line of a module, with the values of the parameters in names of ROS 2.
+    fn exec(
+        &mut self,
+        instance: &Instance,
+        module: Option<&Module>,
+        given: &[(Option<String>, Data)],
+    ) -> Option<String> {
+        let module = module?;
+        let exec = module.exec.as_deref()?;
+        let value =
+            |name: &str| given.iter().find(|(own, _)| own.as_deref() == Some(name)).and_then(|(_, data)| text_of(data));
+        match named(exec, value) {
+            Ok(exec) => Some(exec),
+            Err(Refused { name, help }) => {
+                let message = format!("`{}` cannot have the name {name:?} of ROS 2", instance.name.text);
+                self.report_once(Diagnostic::new(Code::E0309, instance.name.span, message).help(help));
+                Some(exec.to_owned())
+            }
+        }
+    }
+
+    /// Returns the values for a leaf after its host: first the given values in their order, then the defaults of the other parameters.
+    /// Each value has a name, even if it was given by position. It has none only if the parameters are unknown.
+    fn given(&mut self, module: Option<&Module>, args: &[&Arg], values: &[Data]) -> Vec<(Option<String>, Data)> {
         let params = module.and_then(|module| module.params.as_deref());
         let form = module.and_then(|module| module.exec.as_deref()).and_then(form);
         let mut places = params.unwrap_or_default().iter();
-        let mut given: Vec<(Option<&str>, Data)> = Vec::new();
+        let mut given: Vec<(Option<String>, Data)> = Vec::new();
         for arg in args {
             let Some(value) = data(&arg.value, values) else { continue };
             let name = arg.name.as_ref().map(|name| name.text.as_str());
@@ -282,23 +317,34 @@ impl Builder<'_> {
                 Some(param) => filled(self.spec, param, Some(value)),
                 None => Some(value),
             };
-            given.extend(value.map(|value| (name, value)));
+            given.extend(value.map(|value| (name.map(str::to_owned), value)));
         }
         for param in params.unwrap_or_default() {
-            let name = Some(param.name.text.as_str());
+            let name = Some(param.name.text.clone());
             if given.iter().all(|(other, _)| *other != name) {
                 given.extend(filled(self.spec, param, None).map(|value| (name, value)));
             }
         }
+        given
+    }
+
+    /// Returns the arguments of a leaf for these values. The parameters of an action of ROS 2 are only parts of its name.
+    fn arguments(&self, module: Option<&Module>, given: Vec<(Option<String>, Data)>) -> Vec<Argument> {
+        let params = module.and_then(|module| module.params.as_deref());
+        let exec = module.and_then(|module| module.exec.as_deref());
+        if exec.is_some_and(is_action) {
+            return Vec::new();
+        }
+        let form = exec.and_then(form);
         let mut arguments = Vec::with_capacity(given.len());
         for (name, value) in given {
             match (form, name) {
                 (Some(form), Some(name)) => {
                     let param = params.unwrap_or_default().iter().find(|param| param.name.text == name);
                     let written = RosArguments { spec: self.spec, form };
-                    written.add(name.to_owned(), param, value, &mut arguments);
+                    written.add(name, param, value, &mut arguments);
                 }
-                (None, _) | (_, None) => flatten(name.map(str::to_owned), value, &mut arguments),
+                (None, name) | (Some(_), name @ None) => flatten(name, value, &mut arguments),
             }
         }
         arguments
@@ -367,6 +413,14 @@ fn nameless(span: Span) -> Diagnostic {
     diagnostic.help(
         "give the value by name: `name = 5`; the fields of `name = { ... }` become arguments such as `name.field`",
     )
+}
+
+/// Returns a value that is a text.
+fn text_of(value: &Data) -> Option<String> {
+    match value {
+        Data::Plain(Constant::Text(text), _) => Some(text.clone()),
+        Data::Plain(Constant::Number(_) | Constant::Truth(_) | Constant::Secret(_), _) | Data::Record(_) => None,
+    }
 }
 
 fn not_a_host(span: Span, path: &str, found: &Data) -> Diagnostic {

@@ -58,10 +58,12 @@ fn check_frames(connection: &TopicConnection, of: &TypeName) -> Option<Diagnosti
         let found = error(format!("`frame_prefix` changes nothing: a `{}` names no frame", of.spec()));
         return found.map(|found| found.help("leave `frame_prefix` out"));
     }
-    let is_static = is_transforms(of) && connection.name.as_str().ends_with("/tf_static");
+    let is_static = is_transforms(of) && connection.name.text.ends_with("/tf_static");
     if is_static && connection.qos.durability != Durability::TransientLocal {
-        let found =
-            error(format!("the quality of service of `{}` keeps no transforms for late subscribers", connection.name));
+        let found = error(format!(
+            "the quality of service of `{}` keeps no transforms for late subscribers",
+            connection.name.text
+        ));
         return found
             .map(|found| found.help("write `qos = transient_local(1)`, as publishers of static transforms have it"));
     }

@@ -3,12 +3,12 @@
 
 use super::outside;
 use crate::check::names::Names;
+use crate::check::ros_name::{self, NameText};
 use crate::check::spec::TopicConnection;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::SyntaxKind::{self, Number};
 use crate::syntax::ast::{Name, Node, Token};
 use ros::logic::frame::FramePrefix;
-use ros::logic::key::GraphName;
 use ros::logic::qos::Qos;
 use ros::logic::route::{SERVICE, Way, quality};
 
@@ -77,14 +77,14 @@ fn misplaced(connection: &Node, topics: &[Node], owner: Option<&Node>) -> Option
     Some(outside::owned(error(&topics[0], &message), owner))
 }
 
-fn name_of(text: &Token, of: &str) -> Result<GraphName, Box<Diagnostic>> {
-    let written = text.content();
-    let name = GraphName::parse(&written).filter(|_| written.starts_with('/'));
-    name.ok_or_else(|| {
-        let message = format!("{written:?} is not the name of a {of} of ROS 2");
-        let diagnostic = Diagnostic::new(Code::E0309, text.span(), message);
-        Box::new(diagnostic.help("a name begins with `/` and has at most 247 bytes; its words have letters, digits and `_`, and do not begin with a digit"))
-    })
+fn name_of(text: &Token, of: &str) -> Result<NameText, Box<Diagnostic>> {
+    let name = NameText::of(text);
+    if name.can_be(ros_name::is_topic) {
+        return Ok(name);
+    }
+    let message = format!("{:?} is not the name of a {of} of ROS 2", name.text);
+    let diagnostic = Diagnostic::new(Code::E0309, text.span(), message);
+    Err(Box::new(diagnostic.help("a name begins with `/` and has at most 247 bytes; its words have letters, digits and `_`, and do not begin with a digit")))
 }
 
 /// Returns the quality of service. The default is `reliable(10)`.
@@ -104,7 +104,7 @@ fn quality_of(topic: &Node) -> Result<Qos, Box<Diagnostic>> {
 }
 
 /// Returns the prefix of the frames in the messages of a topic, if it has one.
-fn frames_of(topic: &Node) -> Result<Option<FramePrefix>, Box<Diagnostic>> {
+fn frames_of(topic: &Node) -> Result<Option<NameText>, Box<Diagnostic>> {
     let Some(node) = only(topic, SyntaxKind::FramePrefix, "frame_prefix")? else { return Ok(None) };
     if is_service(topic) {
         let diagnostic =
@@ -113,14 +113,14 @@ fn frames_of(topic: &Node) -> Result<Option<FramePrefix>, Box<Diagnostic>> {
     }
     // Without a string the text is damaged, which was reported.
     let Some(text) = node.token(SyntaxKind::Text) else { return Ok(None) };
-    let written = text.content();
-    let prefix = FramePrefix::parse(&written);
+    let prefix = NameText::of(&text);
+    let is_fit = prefix.can_be(|text| FramePrefix::parse(text).is_some());
     let wrong = || {
-        let message = format!("{written:?} is not a prefix of frames");
+        let message = format!("{:?} is not a prefix of frames", prefix.text);
         let help = "write for example `\"r1/\"`: words of letters, digits, `-` and `_`, with `/` between them, and `/` or `_` at the end; at most 64 bytes";
         Box::new(Diagnostic::new(Code::E0309, text.span(), message).help(help))
     };
-    prefix.map(Some).ok_or_else(wrong)
+    if is_fit { Ok(Some(prefix)) } else { Err(wrong()) }
 }
 
 /// Returns the setting of a topic of this kind, if there is one.
