@@ -45,7 +45,7 @@ impl Component {
                 "package" => value.clone_into(&mut own.package),
                 "class" => value.clone_into(&mut own.class),
                 "node" => {
-                    own.node = GraphName::parse(value).ok_or_else(|| format!("`{value}` is not a name of a node"))?
+                    own.node = GraphName::parse(value).ok_or_else(|| format!("`{value}` is not a name of a node"))?;
                 }
                 "remap" => own.remaps.push(value.to_owned()),
                 "file" => own.files.push(value.to_owned()),
