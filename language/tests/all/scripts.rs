@@ -51,7 +51,8 @@ struct Activity {
 
 impl Activity {
     fn new(plan: &Plan) -> Self {
-        let group = plan.groups.iter().find(|group| matches!(group.expression, Expression::Chart(_))).unwrap();
+        let group = plan.groups.iter().find(|group| matches!(group.expression, Expression::Chart(_)));
+        let group = group.expect("the plan has an activity");
         let program = Program::compile(group);
         let mut activity = Self { state: State::new(&program), program, commands: Vec::new() };
         activity.take(Event::Start(Value::EMPTY));
@@ -65,15 +66,16 @@ impl Activity {
 
     /// The first member is done with these places.
     fn seen(&mut self, places: &[(f64, f64)]) -> Option<Outcome> {
-        let value = Value::tagged("seen", &postcard::to_allocvec(places).unwrap()).unwrap();
+        let bytes = postcard::to_allocvec(places).expect("places can be written");
+        let value = Value::tagged("seen", &bytes).expect("the value is small");
         self.take(Event::Done { member: 0, activation: Activation(1), value })
     }
 
     /// Returns the place with which the second member starts.
     fn goal(&self) -> Option<(f64, f64)> {
-        self.commands.iter().find_map(|command| match command {
-            Command::Activate { member: 1, value, .. } => postcard::from_bytes(value.bytes()).ok(),
-            _ => None,
+        self.commands.iter().find_map(|command| {
+            let Command::Activate { member: 1, value, .. } = command else { return None };
+            postcard::from_bytes(value.bytes()).ok()
         })
     }
 }
@@ -147,15 +149,15 @@ fn one_reaction_runs_a_few_scripts() {
     // Each reaction has its own budget.
     let spec = plan(&visit(NEAREST));
     let mut activity = Activity::new(&spec);
-    let chart = spec.groups.iter().find_map(|group| match &group.expression {
-        Expression::Chart(chart) => Some(chart),
-        _ => None,
+    let chart = spec.groups.iter().find_map(|group| {
+        let Expression::Chart(chart) = &group.expression else { return None };
+        Some(chart)
     });
     for _ in 0..20 {
         assert_eq!(activity.take(chart.unwrap().message("words", "hello", 0).unwrap()), None);
-        let sent = activity.commands.iter().find_map(|command| match command {
-            Command::Send { value, .. } => value.text().map(str::to_owned),
-            _ => None,
+        let sent = activity.commands.iter().find_map(|command| {
+            let Command::Send { value, .. } = command else { return None };
+            value.text().map(str::to_owned)
         });
         assert_eq!(sent.as_deref(), Some("hello!"));
     }
