@@ -127,7 +127,6 @@ impl Cycle {
                     self.lines.heartbeat.enter(Spends::Waiting);
                     // The module ends first: after SIGTERM the process ends as soon as the inbox is left.
                     drop(self.module);
-                    self.lines.links.warn_of_undelivered();
                     return self.lines.inbox.leave();
                 }
                 self.wait_idle();

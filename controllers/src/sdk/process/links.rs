@@ -307,15 +307,6 @@ impl Links {
         counts.filter(|(_, count)| *count > 0).collect()
     }
 
-    /// Warns of values that no consumer will count, because the program ends.
-    pub(super) fn warn_of_undelivered(&self) {
-        let made = self.lock();
-        for wire in made.wires.values().filter(|wire| wire.flow.undelivered() > 0) {
-            let values = wire.flow.undelivered();
-            tracing::warn!(output = wire.port, values, "values were not delivered: the consumer was not connected");
-        }
-    }
-
     /// Publishes signals, or their peaks between two samples.
     pub(super) fn show(&self, signals: &impl Enveloped) {
         self.lock().devices.show(signals);

@@ -136,7 +136,7 @@ impl NoticeLog {
             && let Err(error) = channel.send_frame(frame)
         {
             // The end of the channel reaches the reader of orders, which looks for a node that reads.
-            tracing::warn!(%error, "the node does not take notices");
+            tracing::info!(%error, "the node does not take notices");
             channel.close();
             log.channel = None;
         }
@@ -153,7 +153,7 @@ impl NoticeLog {
         let mut log = self.lock();
         let Some(channel) = &log.channel else { return Ok(None) };
         if let Err(error) = channel.send_frame(frame) {
-            tracing::warn!(%error, "the node does not take requests");
+            tracing::info!(%error, "the node does not take requests");
             channel.close();
             log.channel = None;
             return Ok(None);
@@ -247,8 +247,8 @@ impl NodeLine {
                     self.orders += u64::from(order.is_counted());
                     return Ok(order);
                 }
-                Ok(None) => tracing::warn!("the node is gone: looking for a node"),
-                Err(ControlError::Broken(error)) => tracing::warn!(%error, "the node is lost: looking for a node"),
+                Ok(None) => tracing::info!("the node is gone: looking for a node"),
+                Err(ControlError::Broken(error)) => tracing::info!(%error, "the node is lost: looking for a node"),
                 Err(error) => return Err(LineError::NotUnderstood(error)),
             }
             let notices = self.find_node()?;
