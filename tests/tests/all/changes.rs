@@ -40,11 +40,11 @@ fn deploy(cluster: &Cluster) -> (Host, [Program; 2], Program, BTreeMap<String, u
     (here, nodes, mission, pids)
 }
 
-/// Returns the paths of programs with a different process.
+/// Returns the paths of programs with a different process. A program that was just put back may still be starting.
 fn others(here: &Host, before: &BTreeMap<String, u32>) -> Vec<String> {
-    let now = here.pids();
-    assert!(now.keys().eq(before.keys()), "{now:?}");
-    now.into_iter().filter(|(path, pid)| before[path] != *pid).map(|(path, _)| path).collect()
+    let are_all_up = || here.pids().keys().eq(before.keys());
+    assert!(wait_until(SOON, are_all_up).is_some(), "{:?}", here.pids());
+    here.pids().into_iter().filter(|(path, pid)| before[path] != *pid).map(|(path, _)| path).collect()
 }
 
 #[test]
