@@ -4,7 +4,8 @@
 /// Returns by how many minutes local time is ahead of UTC at a moment; 0 if the C library does not know.
 #[expect(unsafe_code, reason = "no crate in use has a safe signature for localtime_r")]
 pub(super) fn minutes_ahead(millis: u64) -> i64 {
-    let Ok(seconds) = libc::time_t::try_from(millis / 1000) else { return 0 };
+    // Its type is the one of the C library.
+    let Ok(seconds) = (millis / 1000).try_into() else { return 0 };
     // SAFETY: `tm` is a plain C structure of integers and a pointer, for which all zeros are a valid value.
     let mut here: libc::tm = unsafe { std::mem::zeroed() };
     // SAFETY: both pointers are valid for the call. The library guards its zone with a lock; nothing in this program sets `TZ`.
