@@ -78,8 +78,8 @@ pub fn assign(spec: &Source, values: &[Assignment]) -> Result<Source, Assignment
         }
         let is_meant = |param: &&Node| param.names().next().is_some_and(|other| other.text == *name);
         let param = params.iter().find(is_meant).ok_or_else(|| unknown(name, &root, &params))?;
-        let value =
-            written(value).ok_or_else(|| AssignmentError::NotAValue { name: name.clone(), value: value.clone() })?;
+        let written = if is_text(param, &spec.text) { text(value) } else { written(value) };
+        let value = written.ok_or_else(|| AssignmentError::NotAValue { name: name.clone(), value: value.clone() })?;
         edits.push(match param.child(Constant) {
             Some(default) => (place_of(&default), value),
             None => (place_of(param).end..place_of(param).end, format!(" = {value}")),
@@ -111,14 +111,31 @@ fn unknown(name: &str, root: &str, params: &[Node]) -> AssignmentError {
     AssignmentError::Unknown { name: name.into(), root: root.into(), hint }
 }
 
+/// Returns whether a parameter has the type `Text`.
+fn is_text(param: &Node, spec: &str) -> bool {
+    let declared = spec.get(place_of(param)).and_then(|text| text.split_once(':'));
+    declared.is_some_and(|(_, declared)| declared.split('=').next().unwrap_or_default().trim() == "Text")
+}
+
+/// Returns the value of a text as a spec writes it: `7` and `true` get quotes, and a name may be the name of a constant.
+fn text(value: &str) -> Option<String> {
+    let value = value.trim();
+    let is_name = !matches!(value, "true" | "false")
+        && value.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && value.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if is_name || value.starts_with('"') { written(value) } else { quoted(value) }
+}
+
 /// Returns the value as a spec writes it: a text gets quotes.
 fn written(value: &str) -> Option<String> {
     let value = value.trim();
-    if is_constant(value) {
-        return Some(value.into());
-    }
+    if is_constant(value) { Some(value.into()) } else { quoted(value).filter(|_| !value.is_empty()) }
+}
+
+/// Returns a text with quotes, if they make it one constant.
+fn quoted(value: &str) -> Option<String> {
     let quoted = format!("\"{value}\"");
-    let is_plain = !value.is_empty() && !value.contains(|c: char| c == '"' || c == '\\' || c.is_control());
+    let is_plain = !value.contains(|c: char| c == '"' || c == '\\' || c.is_control());
     (is_plain && is_constant(&quoted)).then_some(quoted)
 }
 
@@ -165,6 +182,24 @@ mod tests {
         check("process Only(a) { }", &[("a", "{ x = 1 m }")], "process Only(a = { x = 1 m }) { }");
         // The name of a host or of a file with a dot is a text.
         check("process main(a) { }", &[("a", " robot-2.local ")], "process main(a = \"robot-2.local\") { }");
+    }
+
+    #[test]
+    fn a_text_needs_no_quotes() {
+        let spec = "process main(robot: Text = \"r1\", b) { }";
+        for (given, written) in [
+            ("r7", "r7"),
+            ("7", "\"7\""),
+            ("7a", "\"7a\""),
+            ("true", "\"true\""),
+            ("", "\"\""),
+            ("r 7", "\"r 7\""),
+            ("\"7\"", "\"7\""),
+            ("[1]", "\"[1]\""),
+        ] {
+            check(spec, &[("robot", given)], &format!("process main(robot: Text = {written}, b) {{ }}"));
+        }
+        check("process main(robot: Text, b) { }", &[("robot", "7")], "process main(robot: Text = \"7\", b) { }");
     }
 
     #[test]
