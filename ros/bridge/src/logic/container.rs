@@ -78,6 +78,8 @@ struct Questions {
     heard: Time,
     /// Whether the next component may be loaded already.
     has_doubt: bool,
+    /// Whether the container has listed its components since its start.
+    has_listed: bool,
 }
 
 /// A container, from its start to its end.
@@ -113,7 +115,7 @@ impl Container {
             are_there: false,
             number: 0,
             request: None,
-            questions: Questions { due: now, heard: now, has_doubt: false },
+            questions: Questions { due: now, heard: now, has_doubt: false, has_listed: false },
         }
     }
 
@@ -197,6 +199,7 @@ impl Container {
             // A container with this name exists, and would get the requests as well.
             return;
         }
+        self.questions.has_listed = true;
         if std::mem::take(&mut self.questions.has_doubt) {
             let wanted = self.components.get(self.loaded.len()).map(|wanted| &wanted.node);
             let is_new = |found: &&Loaded| Some(&found.node) == wanted && !self.loaded.contains(&found.id);
@@ -261,6 +264,10 @@ impl Container {
             Some(Request::Load) => {
                 format!("{} was not loaded within {within}: the container has not answered the request", self.next())
             }
+            Some(Request::List) | None if self.questions.has_listed => format!(
+                "{} was not loaded within {within}: the container lists its components, but gives no answer to this request that can be read",
+                self.next()
+            ),
             Some(Request::List) | None => {
                 format!("{} was not loaded within {within}: the container does not list its components", self.next())
             }

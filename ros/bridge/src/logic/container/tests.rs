@@ -166,6 +166,16 @@ fn a_container_that_never_answers_fails_when_its_time_is_over() {
     story.now = 10_000;
     story.expect(THERE, &[]);
     story.failed("component `c0` was not loaded within 10 s: the container does not list its components");
+    let mut story = Story::started();
+    story.answered(Answer::Missing, &[]);
+    story.now = 200;
+    story.expect(THERE, &["list"]);
+    story.listed(Some(&[]), &["load 0"]);
+    story.answered(Answer::Missing, &[]);
+    story.now = 10_000;
+    story.expect(THERE, &[]);
+    let why = "the container lists its components, but gives no answer to this request that can be read";
+    story.failed(&format!("component `c0` was not loaded within 10 s: {why}"));
     let mut story = Story::new();
     story.expect(AWAY, &["list"]);
     story.listed(None, &["start"]);
