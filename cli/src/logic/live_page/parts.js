@@ -121,7 +121,16 @@ class DatabasePart extends Part {
     this.key = this.root.querySelector("input");
     this.details = this.root.querySelector(".details");
     this.robot.addEventListener("change", () => this.again());
-    this.key.addEventListener("change", () => this.again());
+    this.key.addEventListener("input", () => this.again());
+  }
+
+  // Clears the answer, which is for another key, and asks.
+  again() {
+    this.drawn = undefined;
+    this.list.replaceChildren();
+    this.details.replaceChildren();
+    this.note.textContent = this.root.open ? "reading …" : "";
+    super.again();
   }
 
   fetch() {
@@ -202,6 +211,8 @@ class OutputPart {
     this.box = this.root.querySelector("pre");
     this.lines = [];
     this.following = "";
+    // The programs of the missions that are shown, with those that have ended.
+    this.programs = new Map();
     this.root.addEventListener("toggle", () => this.fetch());
     this.choice.addEventListener("change", () => this.fetch());
   }
@@ -220,18 +231,17 @@ class OutputPart {
     reopen();
   }
 
-  // Offers the programs of the missions that run.
+  // Offers the programs that run, and those that have ended: their last lines say why.
   offer() {
-    const programs = [];
     for (const process of model.processes.values()) {
       const live = model.deployments.get(process.mission);
-      if (process.pid && live && live.plan !== null) programs.push([`${live.plan}-${process.path}`, `${live.title}: ${process.path}`]);
+      if ((process.pid || process.restarts) && live && live.plan !== null)
+        this.programs.set(`${live.plan}-${process.path}`, { mission: process.mission, text: `${live.title}: ${process.path}` });
     }
-    // A program that has just ended keeps its place, so that its last lines can be read.
-    const chosen = this.choice.selectedOptions[0];
-    if (chosen?.value && !programs.some(([value]) => value === chosen.value)) programs.push([chosen.value, chosen.text]);
+    for (const [value, program] of this.programs) if (!model.deployments.has(program.mission)) this.programs.delete(value);
+    const programs = [...this.programs].map(([value, program]) => [value, program.text]);
     programs.sort((a, b) => (a[1] < b[1] ? -1 : 1));
-    const wanted = [["", programs.length ? "choose a process" : "no program runs"], ...programs];
+    const wanted = [["", programs.length ? "choose a process" : "no program has run"], ...programs];
     const shown = [...this.choice.options].map((option) => [option.value, option.text]);
     if (JSON.stringify(wanted) === JSON.stringify(shown)) return;
     const value = this.choice.value;
