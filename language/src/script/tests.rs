@@ -24,9 +24,6 @@ fn script(text: &str, layout: Layout) -> Script {
 /// Runs a script without inputs, with a number as its result.
 fn run(text: &str) -> Result<f64, ScriptError> {
     let value = script(text, number()).run(&|_| Given::Number(0))?;
-    if value == Value::EMPTY {
-        return Ok(0.0);
-    }
     Ok(f64::from_le_bytes(value.bytes().try_into().unwrap()))
 }
 
@@ -58,8 +55,6 @@ fn a_script_computes() {
         assert_eq!(run(&text), Ok(if are_equal { 1.0 } else { 10.0 }), "{text}");
     }
     assert_eq!(run("let a = [[1], [1], 2]; a.dedup(); a.len"), Ok(2.0));
-    let empty = script("()", number()).run(&|_| Given::Number(0));
-    assert_eq!(empty, Ok(Value::EMPTY));
 }
 
 #[test]
@@ -137,6 +132,7 @@ fn a_result_has_the_declared_type() {
         ("[#{ x: 2, ok: 3 }]", list(pose()), "`goal[0].ok` needs `true` or `false`, not a number"),
         ("let a = 1; return [#{ x: a + 1, ok: () }];", list(pose()), "`goal[0].ok` needs `true` or `false`, not `()`"),
         ("[1]", two(), "it needs 2 values, not 1"),
+        ("()", pose(), "it needs a record, not `()`"),
         ("let a = 1; if a > 1 { [1, 2] } else { { `${a}` } }", two(), "it needs a list, not a text"),
     ] {
         let why = format!("`goal` is of type `Place`, so {needs}");
@@ -149,7 +145,6 @@ fn a_result_has_the_declared_type() {
         ("#{ ok: true, x: 2 }", pose()),
         ("let n = 1; #{ ok: n == 1, x: n + 1 }", pose()),
         ("[[1].len(), 2.5]", two()),
-        ("()", two()),
         ("let n = 1; if n > 2 { throw \"no\" } else { [1, 2] }", two()),
         ("let n = 1; if n > 2 { \"\" } else { `n ${n}` }", Layout::Text),
     ] {
@@ -218,8 +213,12 @@ fn a_script_reads_its_inputs_and_cannot_change_them() {
     let why = |bytes: &[u8]| read("1", bytes).unwrap_err();
     assert_eq!(*why(&[1, 2, 0xff, 0xff]).why, *"the bytes of `seen` are not a value of its type");
     assert_eq!(why(&[1, 5, 0]).kind, ScriptErrorKind::Failed);
-    let many = [&[130, 1][..], &[0; 130]].concat();
-    assert_eq!(why(&many).kind, ScriptErrorKind::Budget);
+    let texts = |count: u8| [&[count | 0x80, 1][..], &vec![0; usize::from(count)]].concat();
+    assert_eq!(why(&texts(129)).kind, ScriptErrorKind::Budget);
+    assert_eq!(read("seen.len()", &texts(128)), Ok(Value::new(&128.0_f64.to_le_bytes())), "as many as a list may have");
+    // An `if` without `else` may give nothing.
+    let error = run("let n = 1; if n > 2 { 3 }").unwrap_err();
+    assert_eq!(*error.why, *"`goal` is of type `Place`, so it needs a number, not `()`");
 }
 
 /// Runs a text on a stack as small as that of a thread of a node, or smaller.

@@ -18,7 +18,8 @@ pub(super) fn read(value: &Value, layout: &Layout, name: &str) -> Result<Dynamic
     if value.bytes().is_empty() {
         return Ok(Dynamic::UNIT);
     }
-    let mut reader = Reader { bytes: value.bytes(), left: ELEMENTS_MAX };
+    // As in the engine, the outermost list or record is not counted.
+    let mut reader = Reader { bytes: value.bytes(), left: ELEMENTS_MAX + 1 };
     let read = reader.value(layout).and_then(|read| if reader.bytes.is_empty() { Ok(read) } else { Err(Wrong::Bytes) });
     read.map_err(|wrong| match wrong {
         Wrong::Bytes => ScriptError::failed(&format!("the bytes of `{name}` are not a value of its type")),
@@ -101,12 +102,9 @@ impl Reader<'_> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unknown;
 
-/// Writes the result of a script as a value of the declared type. `()` is the empty value. The limits of the engine bound
-/// the result as well.
+/// Writes the result of a script as a value of the declared type. `()` is no value of any type. The limits of the engine
+/// bound the result as well.
 pub(super) fn written(value: &Dynamic, result: &ScriptResult) -> Result<Value, ScriptError> {
-    if value.is_unit() {
-        return Ok(Value::EMPTY);
-    }
     let mut writer = Writer { bytes: Vec::new(), result, path: String::new() };
     writer.value(value, &result.layout)?;
     Ok(Value::new(&writer.bytes))
