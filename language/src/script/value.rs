@@ -13,14 +13,14 @@ use crate::algebra::Value;
 use crate::message::Layout;
 use rhai::{Array, Dynamic, Map};
 
-/// Reads a value of this layout. An empty value is `()`. `name` is for errors.
+/// Reads a value of this layout. An empty value is `()`, unless the type needs no bytes. `name` is for errors.
 pub(super) fn read(value: &Value, layout: &Layout, name: &str) -> Result<Dynamic, ScriptError> {
-    if value.bytes().is_empty() {
-        return Ok(Dynamic::UNIT);
-    }
     // As in the engine, the outermost list or record is not counted.
     let mut reader = Reader { bytes: value.bytes(), left: ELEMENTS_MAX + 1 };
     let read = reader.value(layout).and_then(|read| if reader.bytes.is_empty() { Ok(read) } else { Err(Wrong::Bytes) });
+    if read.is_err() && value.bytes().is_empty() {
+        return Ok(Dynamic::UNIT);
+    }
     read.map_err(|wrong| match wrong {
         Wrong::Bytes => ScriptError::failed(&format!("the bytes of `{name}` are not a value of its type")),
         Wrong::Size => ScriptError::budget(&format!(

@@ -453,7 +453,10 @@ impl<'a> Machine<'a> {
         self.scripts += 1;
         match script {
             SUM => Ok(Value::new(&f64::from(self.variables[0] * 2 + self.variables[1]).to_le_bytes())),
-            COPY if [0, 8].contains(&self.slots[0].bytes().len()) => Ok(self.slots[0].clone()),
+            COPY if self.slots[0].bytes().len() == 8 => Ok(self.slots[0].clone()),
+            COPY if self.slots[0].bytes().is_empty() => {
+                Err((ScriptErrorKind::Failed, "`s` is of type `Number`, so it needs a number, not `()`"))
+            }
             COPY => Err((ScriptErrorKind::Failed, "the bytes of `s0` are not a value of its type")),
             THROW => Err((ScriptErrorKind::Failed, "line 1 of the script: runtime error: no")),
             ENDLESS => Err((ScriptErrorKind::Budget, "line 2 of the script: more than 8 calls inside each other")),
