@@ -102,7 +102,7 @@ impl Reader<'_> {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unknown;
 
-/// Writes the result of a script as a value of the declared type. `()` is no value of any type. The limits of the engine
+/// Writes the result of a script as a value of the declared type. No type has the value `()`. The limits of the engine
 /// bound the result as well.
 pub(super) fn written(value: &Dynamic, result: &ScriptResult) -> Result<Value, ScriptError> {
     let mut writer = Writer { bytes: Vec::new(), result, path: String::new() };
