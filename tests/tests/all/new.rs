@@ -106,7 +106,7 @@ fn an_installed_command_uses_the_installed_sources() {
 #[test]
 fn a_program_of_packaging_refuses_an_unknown_option() {
     let packaging = Path::new(env!("CARGO_MANIFEST_DIR")).join("../packaging");
-    for program in ["deb", "apt", "try"] {
+    for program in ["deb", "apt", "tarball", "try"] {
         let path = packaging.join(program);
         let checked = Command::new("bash").arg("-n").arg(&path).output().expect("bash is there");
         assert!(checked.status.success(), "{program}: {checked:?}");
