@@ -10,10 +10,12 @@ pub(crate) mod services;
 use crate::logic::arrivals::{Arrivals, Told};
 use crate::logic::network::Network;
 use crate::logic::others::Others;
+use crate::setup;
 use comms::io::clock::{Wakeup, now, unix_time};
 use controllers::sdk::Waker;
 use ros::logic::attachment::{Attachment, Gid};
-use ros::logic::key::Topic;
+use ros::logic::key::{GraphName, Topic};
+use ros::logic::name::TypeName;
 use ros::logic::qos::{Durability, History, Qos, Reliability};
 use ros::logic::token::{Endpoint, Node, Role, Token};
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -284,6 +286,17 @@ fn declare(session: &Session, token: &Token) -> Result<LivelinessToken, String> 
 
 fn key(text: String) -> Result<KeyExpr<'static>, String> {
     KeyExpr::try_from(text).map_err(|error| format!("a key of ROS 2 is refused: {error}"))
+}
+
+/// Returns the topic with this name and this type; no type is one whose name ROS 2 refuses.
+///
+/// # Errors
+/// The error is a sentence for a person.
+fn topic(network: &Network, name: &str, of: Option<TypeName>) -> Result<Topic, String> {
+    let of = of.ok_or("no name for a type")?;
+    let hash = network.hash(&setup::schema(&of)?);
+    let parsed = GraphName::parse(name).ok_or_else(|| format!("`{name}` is longer than ROS 2 allows"))?;
+    Ok(Topic { name: parsed, of, hash })
 }
 
 fn told(topic: &Topic, error: &dyn std::error::Error) -> String {

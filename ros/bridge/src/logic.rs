@@ -11,6 +11,8 @@ pub(crate) mod lifecycle;
 pub(crate) mod network;
 pub(crate) mod others;
 pub(crate) mod parts;
+#[cfg(test)]
+mod peer;
 pub(crate) mod replies;
 pub(crate) mod retry;
 pub(crate) mod senders;

@@ -1,14 +1,11 @@
 //! The client of the services of a container of components.
 
 use super::managed::Bell;
-use super::services::{Caller, Client, Service};
+use super::services::{Caller, Client, Service, from_answer, to_value};
 use super::{Graph, RosSession, lock};
 use crate::logic::container::{Answer, Effect, Input, Loaded};
 use crate::logic::network::Network;
 use crate::logic::replies::Failure;
-use crate::logic::value;
-use crate::setup;
-use controllers::ros::Message;
 use controllers::ros::composition_interfaces::{
     ListNodesRequest, ListNodesResponse, LoadNodeRequest, LoadNodeResponse,
 };
@@ -49,12 +46,8 @@ impl ContainerNode {
     /// # Errors
     /// The error is a sentence for a person.
     pub(crate) fn open(name: &GraphName, network: &Network, own: String, bell: Arc<Bell>) -> Result<Self, String> {
-        let topic = |part: &str, of: &str| -> Result<Topic, String> {
-            let of = TypeName::new(PACKAGE, Folder::Srv, of).ok_or("no name for a type")?;
-            let whole = format!("{name}/_container/{part}");
-            let name = GraphName::parse(&whole).ok_or_else(|| format!("`{whole}` is longer than ROS 2 allows"))?;
-            let hash = network.hash(&setup::schema(&of)?);
-            Ok(Topic { name, of, hash })
+        let topic = |part: &str, of: &str| {
+            super::topic(network, &format!("{name}/_container/{part}"), TypeName::new(PACKAGE, Folder::Srv, of))
         };
         let (load, list) = (topic("load_node", "LoadNode")?, topic("list_nodes", "ListNodes")?);
         let graph = Graph::default();
@@ -93,13 +86,13 @@ impl ContainerNode {
                     tracing::info!(component = %shown, ?answer, "the container was asked to load a component");
                     tell(Input::Loaded { number, answer });
                 };
-                self.load.call(&request(message), Caller::own(take));
+                self.load.call(&to_value(message), Caller::own(take));
             }
             Effect::List { number } => {
                 let take = move |answer: Result<Vec<u8>, Failure>| {
                     tell(Input::Listed { number, components: listed(answer) });
                 };
-                self.list.call(&request(&ListNodesRequest::default()), Caller::own(take));
+                self.list.call(&to_value(&ListNodesRequest::default()), Caller::own(take));
             }
         }
     }
@@ -110,18 +103,9 @@ impl ContainerNode {
     }
 }
 
-fn request<M: Message>(message: &M) -> Vec<u8> {
-    value::of_message(&message.to_cdr().unwrap_or_default())
-}
-
-fn read<M: Message>(answer: Result<Vec<u8>, Failure>) -> Option<M> {
-    let answer = answer.ok()?;
-    M::from_cdr(value::message_in(&answer)?).ok()
-}
-
 /// Returns the answer to the request to load the component with this node.
 fn loaded(answer: Result<Vec<u8>, Failure>, node: &str) -> Answer {
-    let Some(told) = read::<LoadNodeResponse>(answer) else { return Answer::Missing };
+    let Some(told) = from_answer::<LoadNodeResponse>(answer) else { return Answer::Missing };
     if !told.success {
         let reason = told.error_message.chars().map(|c| if c.is_control() { ' ' } else { c });
         return Answer::Failed { why: reason.take(REASON_MAX).collect::<String>().trim().to_owned() };
@@ -133,7 +117,7 @@ fn loaded(answer: Result<Vec<u8>, Failure>, node: &str) -> Answer {
 }
 
 fn listed(answer: Result<Vec<u8>, Failure>) -> Option<Vec<Loaded>> {
-    let ListNodesResponse { full_node_names, unique_ids } = read(answer)?;
+    let ListNodesResponse { full_node_names, unique_ids } = from_answer(answer)?;
     let all = full_node_names.into_iter().zip(unique_ids);
     Some(all.map(|(node, id)| Loaded { id, node }).collect())
 }
@@ -141,18 +125,21 @@ fn listed(answer: Result<Vec<u8>, Failure>) -> Option<Vec<Loaded>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::value;
+    use crate::setup;
+    use controllers::ros::Message;
     use ros::logic::cdr;
 
     fn answer<M: Message>(message: &M) -> Result<Vec<u8>, Failure> {
-        Ok(request(message))
+        Ok(to_value(message))
     }
 
     #[test]
     fn requests_and_answers_have_their_types() {
         let schema = |name: &str| setup::schema(&TypeName::parse(name).unwrap()).unwrap();
         for (request, of) in [
-            (request(&LoadNodeRequest::default()), "composition_interfaces/srv/LoadNode_Request"),
-            (request(&ListNodesRequest::default()), "composition_interfaces/srv/ListNodes_Request"),
+            (to_value(&LoadNodeRequest::default()), "composition_interfaces/srv/LoadNode_Request"),
+            (to_value(&ListNodesRequest::default()), "composition_interfaces/srv/ListNodes_Request"),
         ] {
             cdr::check(&schema(of), value::message_in(&request).unwrap()).unwrap();
         }

@@ -1,13 +1,12 @@
 //! The client of the services of a node with a lifecycle.
 
-use super::services::{Caller, Client, Service};
+use super::services::{Caller, Client, Service, from_answer, to_value};
 use super::{Graph, RosSession, Subscriber, Waiting, depth, lock};
 use crate::logic::arrivals::Arrivals;
 use crate::logic::conversion::Conversion;
 use crate::logic::lifecycle::{Answer, Effect, Input, State, Transition};
 use crate::logic::network::Network;
 use crate::logic::replies::Failure;
-use crate::logic::value;
 use crate::setup;
 use comms::io::clock::Wakeup;
 use comms::logic::time::Time;
@@ -19,7 +18,6 @@ use ros::logic::key::{GraphName, Topic};
 use ros::logic::name::{Folder, TypeName};
 use ros::logic::qos::Qos;
 use ros::logic::route::{SERVICE, Way};
-use ros::typed::Message;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
@@ -73,12 +71,8 @@ impl Managed {
     /// # Errors
     /// The error is a sentence for a person.
     pub(crate) fn open(name: &GraphName, network: &Network, own: String, bell: Arc<Bell>) -> Result<Self, String> {
-        let topic = |part: &str, folder: Folder, of: &str| -> Result<Topic, String> {
-            let of = TypeName::new(PACKAGE, folder, of).ok_or("no name for a type")?;
-            let whole = format!("{name}/{part}");
-            let name = GraphName::parse(&whole).ok_or_else(|| format!("`{whole}` is longer than ROS 2 allows"))?;
-            let hash = network.hash(&setup::schema(&of)?);
-            Ok(Topic { name, of, hash })
+        let topic = |part: &str, folder: Folder, of: &str| {
+            super::topic(network, &format!("{name}/{part}"), TypeName::new(PACKAGE, folder, of))
         };
         let change = topic("change_state", Folder::Srv, "ChangeState")?;
         let ask = topic("get_state", Folder::Srv, "GetState")?;
@@ -130,7 +124,7 @@ impl Managed {
             }
             Effect::Ask { number } => {
                 let take = move |answer: Result<Vec<u8>, Failure>| tell(Input::Told { number, state: state(answer) });
-                self.ask.call(&request(&GetStateRequest::default()), Caller::own(take));
+                self.ask.call(&to_value(&GetStateRequest::default()), Caller::own(take));
             }
         }
     }
@@ -141,22 +135,13 @@ impl Managed {
     }
 }
 
-fn request<M: Message>(message: &M) -> Vec<u8> {
-    value::of_message(&message.to_cdr().unwrap_or_default())
-}
-
 fn change_request(transition: Transition) -> Vec<u8> {
     let label = transition.to_string();
-    request(&ChangeStateRequest { transition: TransitionMessage { id: transition.number(), label } })
-}
-
-fn read<M: Message>(answer: Result<Vec<u8>, Failure>) -> Option<M> {
-    let answer = answer.ok()?;
-    M::from_cdr(value::message_in(&answer)?).ok()
+    to_value(&ChangeStateRequest { transition: TransitionMessage { id: transition.number(), label } })
 }
 
 fn changed(answer: Result<Vec<u8>, Failure>) -> Answer {
-    match read::<ChangeStateResponse>(answer) {
+    match from_answer::<ChangeStateResponse>(answer) {
         Some(ChangeStateResponse { success: true }) => Answer::Done,
         Some(ChangeStateResponse { success: false }) => Answer::Failed,
         None => Answer::Missing,
@@ -164,7 +149,7 @@ fn changed(answer: Result<Vec<u8>, Failure>) -> Answer {
 }
 
 fn state(answer: Result<Vec<u8>, Failure>) -> Option<State> {
-    read::<GetStateResponse>(answer).map(|told| State::of(told.current_state.id))
+    from_answer::<GetStateResponse>(answer).map(|told| State::of(told.current_state.id))
 }
 
 fn shown(answer: &Result<Vec<u8>, Failure>) -> String {
@@ -178,6 +163,7 @@ fn shown(answer: &Result<Vec<u8>, Failure>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::value;
     use ros::logic::cdr;
 
     fn answer(message: &[u8]) -> Result<Vec<u8>, Failure> {
@@ -189,7 +175,7 @@ mod tests {
         let schema = |name: &str| setup::schema(&TypeName::parse(name).unwrap()).unwrap();
         for (request, of) in [
             (change_request(Transition::Activate), "lifecycle_msgs/srv/ChangeState_Request"),
-            (request(&GetStateRequest::default()), "lifecycle_msgs/srv/GetState_Request"),
+            (to_value(&GetStateRequest::default()), "lifecycle_msgs/srv/GetState_Request"),
         ] {
             cdr::check(&schema(of), value::message_in(&request).unwrap()).unwrap();
         }

@@ -6,10 +6,9 @@
 use super::services::{Caller, Client, Service};
 use super::{Graph, RosSession};
 use crate::logic::network::Network;
-use crate::setup;
 use comms::logic::object::{Access, ExportKind, ObjectError, Signature, TypeForm};
 use controllers::sdk::{ExportInterface, RawReply};
-use ros::logic::key::{GraphName, Topic};
+use ros::logic::key::GraphName;
 use ros::logic::name::{Folder, TypeName};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -156,11 +155,8 @@ impl Open {
     fn new(Asked { node, network, own }: &Asked) -> Result<Self, String> {
         let session = RosSession::open(network, own.clone(), Graph::default())?;
         let client = |(id, (name, of, _)): (u64, &(&str, &str, Access))| {
-            let of = TypeName::new(PACKAGE, Folder::Srv, of).ok_or("no name for a type")?;
-            let whole = format!("{node}/{name}");
-            let name = GraphName::parse(&whole).ok_or_else(|| format!("`{whole}` is longer than ROS 2 allows"))?;
-            let (hash, service) = (network.hash(&setup::schema(&of)?), Service::new(&of)?);
-            session.client(id, &Topic { name, of, hash }, &service)
+            let topic = super::topic(network, &format!("{node}/{name}"), TypeName::new(PACKAGE, Folder::Srv, of))?;
+            session.client(id, &topic, &Service::new(&topic.of)?)
         };
         let clients = (1..).zip(&SERVICES).map(client).collect::<Result<Vec<_>, String>>()?;
         Ok(Self { session, clients })

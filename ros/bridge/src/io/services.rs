@@ -16,6 +16,7 @@ use ros::logic::name::TypeName;
 use ros::logic::route::SERVICE;
 use ros::logic::schema::Schema;
 use ros::logic::token::Role;
+use ros::typed::Message;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use zenoh::Wait;
@@ -314,6 +315,17 @@ impl Server {
 }
 
 /// Takes a request. If the request is refused, returns the reason and the number of refusals so far.
+/// Returns the value of a wire for a message of DCA itself.
+pub(super) fn to_value<M: Message>(message: &M) -> Vec<u8> {
+    value::of_message(&message.to_cdr().unwrap_or_default())
+}
+
+/// Returns the message in an answer; none if there is no such answer.
+pub(super) fn from_answer<M: Message>(answer: Result<Vec<u8>, Failure>) -> Option<M> {
+    let answer = answer.ok()?;
+    M::from_cdr(value::message_in(&answer)?).ok()
+}
+
 fn hear(query: Query, service: &Service, requests: &Mutex<Requests<Request>>) -> Result<(), (String, u64)> {
     let (query, why) = match read(&query, service) {
         Err(why) => (query, why.to_string()),

@@ -1,6 +1,7 @@
 //! Tests of containers in virtual time: single stories, and all kinds of containers against a model.
 
 use super::*;
+use crate::logic::peer::{Fate, Peer};
 
 const WITHIN: Duration = Duration::from_secs(10);
 const THERE: Input = Input::Services { are_there: true };
@@ -216,55 +217,23 @@ fn the_program_is_not_started_beside_a_container_of_its_name() {
     story.failed("another container of this name still runs after 10 s");
 }
 
-/// A deterministic source of numbers.
-struct Numbers(u64);
-
-impl Numbers {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % bound
-    }
-}
-
-/// A container of ROS 2: it carries requests out in their order, late, with failures, or never.
+/// A container of ROS 2.
 struct Model {
-    numbers: Numbers,
+    peer: Peer<Effect>,
     /// The components that it has loaded.
     nodes: Vec<Loaded>,
     last: u64,
-    /// The requests, and the times at which their answers are sent.
-    queue: Vec<(u64, Effect)>,
-    /// The percentages of lost requests, lost answers and failures, and the longest delay in milliseconds.
-    lost: u64,
-    unanswered: u64,
-    failing: u64,
-    delay: u64,
 }
 
 impl Model {
     fn new(seed: u64) -> Self {
-        let mut numbers = Numbers(seed * 7919 + 1);
-        let mut one_of = |all: [u64; 4]| all[usize::try_from(numbers.below(4)).unwrap()];
-        let (lost, unanswered) = (one_of([0, 0, 20, 100]), one_of([0, 0, 20, 100]));
-        let (failing, delay) = (one_of([0, 0, 10, 100]), one_of([0, 50, 1000, 30_000]));
-        Self { numbers, nodes: Vec::new(), last: 0, queue: Vec::new(), lost, unanswered, failing, delay }
-    }
-
-    fn take(&mut self, now: u64, effect: Effect) {
-        let earliest = self.queue.last().map_or(now, |(at, _)| *at);
-        let due = earliest.max(now) + 1 + self.numbers.below(self.delay + 1);
-        self.queue.push((due, effect));
+        Self { peer: Peer::new(seed, [0, 0, 10, 100], [0, 50, 1000, 30_000]), nodes: Vec::new(), last: 0 }
     }
 
     /// Returns the answers that are due.
     fn answers(&mut self, now: u64) -> Vec<Input> {
         let mut answers = Vec::new();
-        while self.queue.first().is_some_and(|(at, _)| *at <= now) {
-            let (_, effect) = self.queue.remove(0);
-            let is_lost = self.numbers.below(100) < self.lost;
-            let is_unanswered = self.numbers.below(100) < self.unanswered;
+        while let Some((effect, Fate { is_lost, is_unanswered })) = self.peer.due(now) {
             answers.push(match effect {
                 Effect::Start => continue,
                 Effect::List { number } => {
@@ -281,7 +250,7 @@ impl Model {
     }
 
     fn load(&mut self, component: usize) -> Answer {
-        if self.numbers.below(100) < self.failing {
+        if self.peer.fails() {
             return Answer::Failed { why: "it cannot".to_owned() };
         }
         self.last += 1;
@@ -308,7 +277,7 @@ fn every_kind_of_container_has_an_outcome_in_time() {
                     Effect::List { number } if !is_started => {
                         container.handle(at(now), Input::Listed { number, components: None }, &mut effects);
                     }
-                    Effect::List { .. } | Effect::Load { .. } => model.take(now, effect),
+                    Effect::List { .. } | Effect::Load { .. } => model.peer.take(now, effect),
                 }
             }
             now += 10;
@@ -330,8 +299,7 @@ fn every_kind_of_container_has_an_outcome_in_time() {
             assert_eq!(nodes, expected, "seed {seed}");
         } else {
             failed += 1;
-            let is_well = [model.lost, model.unanswered, model.failing] == [0, 0, 0] && model.delay <= 1000;
-            assert!(!is_well, "seed {seed}: {:?}", container.standing());
+            assert!(!model.peer.is_well(1000), "seed {seed}: {:?}", container.standing());
         }
     }
     assert!(reached > 100 && failed > 100, "{reached} reached, {failed} failed");

@@ -1,6 +1,7 @@
 //! Tests of lifecycles in virtual time: single stories, and all kinds of nodes against a model.
 
 use super::*;
+use crate::logic::peer::{Fate, Peer};
 
 const WITHIN: Duration = Duration::from_secs(10);
 const THERE: Input = Input::Services { are_there: true };
@@ -250,53 +251,21 @@ fn a_program_that_has_ended_is_started_for_the_next_activation() {
     assert_eq!(story.lifecycle.standing(), &Standing::Reached);
 }
 
-/// A deterministic source of numbers.
-struct Numbers(u64);
-
-impl Numbers {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % bound
-    }
-}
-
-/// A node of ROS 2: it carries requests out in their order, late, with failures, or never.
+/// A node of ROS 2.
 struct Model {
-    numbers: Numbers,
+    peer: Peer<Effect>,
     state: State,
-    /// The requests, and the times at which their answers are sent.
-    queue: Vec<(u64, Effect)>,
-    /// The percentages of lost requests, lost answers and failures, and the longest delay in milliseconds.
-    lost: u64,
-    unanswered: u64,
-    failing: u64,
-    delay: u64,
 }
 
 impl Model {
     fn new(seed: u64) -> Self {
-        let mut numbers = Numbers(seed * 7919 + 1);
-        let mut one_of = |all: [u64; 4]| all[usize::try_from(numbers.below(4)).unwrap()];
-        let (lost, unanswered) = (one_of([0, 0, 20, 100]), one_of([0, 0, 20, 100]));
-        let (failing, delay) = (one_of([0, 0, 20, 100]), one_of([0, 50, 2000, 30_000]));
-        Self { numbers, state: State::Unconfigured, queue: Vec::new(), lost, unanswered, failing, delay }
-    }
-
-    fn take(&mut self, now: u64, effect: Effect) {
-        let earliest = self.queue.last().map_or(now, |(at, _)| *at);
-        let due = earliest.max(now) + 1 + self.numbers.below(self.delay + 1);
-        self.queue.push((due, effect));
+        Self { peer: Peer::new(seed, [0, 0, 20, 100], [0, 50, 2000, 30_000]), state: State::Unconfigured }
     }
 
     /// Returns the answers that are due.
     fn answers(&mut self, now: u64) -> Vec<Input> {
         let mut answers = Vec::new();
-        while self.queue.first().is_some_and(|(at, _)| *at <= now) {
-            let (_, effect) = self.queue.remove(0);
-            let is_lost = self.numbers.below(100) < self.lost;
-            let is_unanswered = self.numbers.below(100) < self.unanswered;
+        while let Some((effect, Fate { is_lost, is_unanswered })) = self.peer.due(now) {
             answers.push(match effect {
                 Effect::Start => continue,
                 Effect::Ask { number } => {
@@ -319,7 +288,7 @@ impl Model {
                 | (State::Inactive, Transition::Activate)
                 | (State::Active, Transition::Deactivate)
         );
-        let done = fits && self.numbers.below(100) >= self.failing;
+        let done = fits && !self.peer.fails();
         if done {
             self.state = transition.goal();
         }
@@ -348,7 +317,7 @@ fn every_kind_of_node_has_an_outcome_in_time() {
                             lifecycle.handle(at(now), Input::Told { number, state: None }, &mut Vec::new());
                             is_started = true;
                         }
-                        Effect::Ask { .. } | Effect::Change { .. } => model.take(now, effect),
+                        Effect::Ask { .. } | Effect::Change { .. } => model.peer.take(now, effect),
                     }
                 }
                 now += 10;
@@ -368,8 +337,7 @@ fn every_kind_of_node_has_an_outcome_in_time() {
             match lifecycle.standing() {
                 Standing::Failed(_) => {
                     failed += 1;
-                    let is_well = [model.lost, model.unanswered, model.failing] == [0, 0, 0] && model.delay < 1000;
-                    assert!(!is_well, "seed {seed}: {:?}", lifecycle.standing());
+                    assert!(!model.peer.is_well(999), "seed {seed}: {:?}", lifecycle.standing());
                     break;
                 }
                 Standing::Reached | Standing::Underway => {
