@@ -2,9 +2,9 @@
 
 use crate::similar;
 use crate::source::{Origin, Source};
-use crate::syntax::SyntaxKind::{ConstItem, Constant, Param, Params, Process};
+use crate::syntax::SyntaxKind::{ConstItem, Constant, Param, Params, Process, Type};
 use crate::syntax::ast::Node;
-use crate::syntax::parse;
+use crate::syntax::{is_name, parse};
 use std::ops::Range;
 
 /// A value for a parameter of the root.
@@ -78,7 +78,7 @@ pub fn assign(spec: &Source, values: &[Assignment]) -> Result<Source, Assignment
         }
         let is_meant = |param: &&Node| param.names().next().is_some_and(|other| other.text == *name);
         let param = params.iter().find(is_meant).ok_or_else(|| unknown(name, &root, &params))?;
-        let written = if is_text(param, &spec.text) { text(value) } else { written(value) };
+        let written = if is_text(param) { text(value) } else { written(value) };
         let value = written.ok_or_else(|| AssignmentError::NotAValue { name: name.clone(), value: value.clone() })?;
         edits.push(match param.child(Constant) {
             Some(default) => (place_of(&default), value),
@@ -112,17 +112,14 @@ fn unknown(name: &str, root: &str, params: &[Node]) -> AssignmentError {
 }
 
 /// Returns whether a parameter has the type `Text`.
-fn is_text(param: &Node, spec: &str) -> bool {
-    let declared = spec.get(place_of(param)).and_then(|text| text.split_once(':'));
-    declared.is_some_and(|(_, declared)| declared.split('=').next().unwrap_or_default().trim() == "Text")
+fn is_text(param: &Node) -> bool {
+    param.child(Type).is_some_and(|kind| kind.compact_text() == "Text")
 }
 
 /// Returns the value of a text as a spec writes it: `7` and `true` get quotes, and a name may be the name of a constant.
 fn text(value: &str) -> Option<String> {
     let value = value.trim();
-    let is_name = !matches!(value, "true" | "false")
-        && value.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-        && value.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    let is_name = is_name(value) && !matches!(value, "true" | "false");
     if is_name || value.starts_with('"') { written(value) } else { quoted(value) }
 }
 

@@ -10,6 +10,7 @@ mod parser;
 
 pub(crate) use kind::Operator;
 pub use kind::SyntaxKind;
+pub(crate) use lexer::is_name;
 pub use lexer::{Token, lex};
 pub(crate) use parser::{Parse, parse};
 

@@ -209,10 +209,7 @@ fn is_letter(c: char) -> bool {
 
 /// Returns whether a text has a word.
 pub(super) fn has_word(text: &str, word: &str) -> bool {
-    text.match_indices(word).any(|(start, _)| {
-        let (before, after) = (text[..start].chars().next_back(), text[start + word.len()..].chars().next());
-        !before.is_some_and(is_letter) && !after.is_some_and(is_letter)
-    })
+    text.split(|c| !is_letter(c)).any(|other| other == word)
 }
 
 fn has_ros(layout: &Layout) -> bool {

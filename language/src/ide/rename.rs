@@ -6,7 +6,7 @@
 use super::index::{Index, Kind};
 use super::{Analysis, Declaration};
 use crate::source::{Origin, Role, Source, Span};
-use crate::syntax::{SyntaxKind, lex};
+use crate::syntax::is_name;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The longest name, in bytes.
@@ -153,7 +153,7 @@ impl Analysis {
 /// The error is a sentence for a person: the name belongs to another text, is not a valid name, is taken, or would
 /// change a meaning.
 pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Result<Vec<FileEdit>, RenameError> {
-    if !is_name(to) {
+    if to.len() > NAME_MAX || !is_name(to) {
         return Err(RenameError::Invalid { to: to.to_owned() });
     }
     let mut edits = BTreeSet::new();
@@ -186,12 +186,6 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
         }));
     }
     if is_known { Ok(edits.into_iter().collect()) } else { Err(RenameError::Nameless) }
-}
-
-/// Returns whether a text is one name.
-fn is_name(text: &str) -> bool {
-    let tokens = lex(text);
-    text.len() <= NAME_MAX && tokens.len() == 1 && tokens[0].kind == SyntaxKind::Ident
 }
 
 fn is_element(rest: &str) -> bool {

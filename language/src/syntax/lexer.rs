@@ -55,6 +55,12 @@ pub fn lex(text: &str) -> Vec<Token> {
     lex_at_most(text, usize::MAX).unwrap_or_default()
 }
 
+/// Returns whether a text is one name.
+pub(crate) fn is_name(text: &str) -> bool {
+    let tokens = lex(text);
+    tokens.len() == 1 && tokens[0].kind == SyntaxKind::Ident
+}
+
 /// Returns the tokens of a text, or none if there are more than `count_max`.
 pub(super) fn lex_at_most(text: &str, count_max: usize) -> Option<Vec<Token>> {
     let mut tokens: Vec<Token> = Vec::with_capacity((text.len() / 4).min(count_max));
