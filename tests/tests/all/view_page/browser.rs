@@ -4,7 +4,7 @@ use super::{PICTURED, PUSHED, Page, SPEC};
 use dca_tests::cluster::{Cluster, SOON, Stream, executable};
 use rustix::process::Signal;
 use std::io::{BufRead as _, BufReader, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 /// A person at a browser.
@@ -15,9 +15,10 @@ struct Browser {
 }
 
 impl Browser {
-    /// Opens the link in a browser if this machine has one. Pictures are stored in a folder.
+    /// Opens the link in a browser if this machine has one. Pictures are stored in the folder `DCA_PICTURES`, or in that of the
+    /// cluster.
     #[expect(clippy::print_stdout, reason = "a user who runs the tests has to know what was skipped")]
-    fn open(page: &Page, pictures: &Path) -> Option<Self> {
+    fn open(page: &Page, cluster: &Cluster) -> Option<Self> {
         let python = std::env::var("DCA_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
         let asked = Command::new(&python).args(["-c", "import playwright"]).output();
         if !asked.is_ok_and(|asked| asked.status.success()) || !Path::new("/usr/bin/chromium").exists() {
@@ -26,6 +27,7 @@ impl Browser {
         }
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/all/view_page/browser.py");
         let link = format!("http://{}/?key={}", page.address, page.key);
+        let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), PathBuf::from);
         let mut command = Command::new(python);
         command.arg(script).arg(link).arg(pictures).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().expect("Python was there");
@@ -41,6 +43,14 @@ impl Browser {
         self.answers.read_line(&mut answer).expect("the browser answers");
         assert_eq!(answer.trim(), "ok", "{order}");
     }
+
+    /// Checks that no script has failed, and closes the browser.
+    #[track_caller]
+    fn end(mut self) {
+        self.order("errors");
+        self.order("end");
+        assert!(self.child.wait().expect("it was started here").success());
+    }
 }
 
 /// A mission from start to end, a lost stream, a stop, and words that look like markup.
@@ -51,8 +61,7 @@ fn a_person_sees_a_mission_in_a_browser() {
     let here = cluster.here();
     let _node = here.node("c1", &[]);
     let page = Page::open(&here);
-    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
-    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
+    let Some(mut browser) = Browser::open(&page, &cluster) else { return };
     browser.order("see nothing is deployed");
     browser.order("picture empty");
     let mission = here.dca(&["deploy", "--no-record", &cluster.file("door.dca", SPEC)]);
@@ -81,9 +90,7 @@ fn a_person_sees_a_mission_in_a_browser() {
     assert_eq!(here.ask(&["estop", reason]).code, Some(0));
     browser.order(&format!("see {reason}"));
     browser.order("picture stopped");
-    browser.order("errors");
-    browser.order("end");
-    assert!(browser.child.wait().expect("it was started here").success());
+    browser.end();
 }
 
 /// The pictures of a mission: states in words and signs, a crash, a wire that loses values, and the keyboard.
@@ -95,8 +102,7 @@ fn a_person_sees_the_graph_of_a_mission_in_a_browser() {
     let controller = executable("dca-controller").display().to_string();
     let _node = here.node("c1", &["--controllers", &controller]);
     let page = Page::open(&here);
-    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
-    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
+    let Some(mut browser) = Browser::open(&page, &cluster) else { return };
     let wired = PICTURED
         .replace(
             "one instof Sleeper(c1);",
@@ -133,9 +139,7 @@ fn a_person_sees_the_graph_of_a_mission_in_a_browser() {
     browser.order("see finished: stopped");
     browser.order("open Graph");
     browser.order("mark main/one failed");
-    browser.order("errors");
-    browser.order("end");
-    assert!(browser.child.wait().expect("it was started here").success());
+    browser.end();
     drop(mission);
 }
 
@@ -148,8 +152,7 @@ fn a_person_changes_a_parameter_in_a_browser() {
     let controller = executable("dca-controller").display().to_string();
     let _node = here.node("c1", &["--controllers", &controller]);
     let page = Page::open(&here);
-    let pictures = std::env::var("DCA_PICTURES").map_or_else(|_| cluster.folder().to_owned(), Into::into);
-    let Some(mut browser) = Browser::open(&page, &pictures) else { return };
+    let Some(mut browser) = Browser::open(&page, &cluster) else { return };
     let writer = cluster.file("write.sh", "echo '<img src=x onerror=alert(1)>'; sleep 600");
     let spec = PUSHED
         .replace(
@@ -181,8 +184,6 @@ fn a_person_changes_a_parameter_in_a_browser() {
     browser.order("picture key");
     browser.order(&format!("press undo the change of {name}"));
     browser.order("see has the value of the spec again");
-    browser.order("errors");
-    browser.order("end");
-    assert!(browser.child.wait().expect("it was started here").success());
+    browser.end();
     drop(mission);
 }
